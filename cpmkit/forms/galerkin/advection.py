@@ -60,9 +60,9 @@ def advection_forms(
     a: float,
     c: float,
 ) -> None:
-    """Fill ``forms`` (3 room,) with N, D and R, see the module, of each spline at the place ``t`` (3,) of a cell.
+    """Fill ``forms`` (3 room,) with N, D = v . grad N and R = -a Lap N - g . grad N + c N of each spline N at a sample.
 
-    v and g = grad a are (3,), ``normals`` (codim, d), a and c numbers; ``room`` is the padded number of splines.
+    ``t`` (3,) is its place in the cell; v and g = grad a are (3,), ``normals`` (codim, d); room is a padded length.
     """
     room = row_length(splines)
     codim, d = normals.shape
@@ -112,20 +112,19 @@ def add_advection(
     conservative: float,
     matrix: Any,
 ) -> None:
-    """Add sum w tau (v . grad phi) (v . grad u - a Lap u + c u) and the advection itself to ``matrix``.
+    """Add sum w tau (v . grad phi) (v . grad u - div(a grad u) + c u) and the advection itself to ``matrix``.
 
     The advection is ``convective`` times sum w (v . grad u) phi, less ``conservative`` times sum w u v . grad phi.
 
     ``unknowns``, ``order``, ``start`` (p, width), (q,) and (p + 1,) integers: the unknowns of each patch, and its
         samples ``order[start[p]:start[p + 1]]``.
-    ``places``, ``directions`` (q, d), (q, c, e) int32: places and normals of the samples, as stored by
-        `QuantisedSamples`.
+    ``places``, ``directions`` (q, d), (q, c, e): places and normals of the samples as of `QuantisedSamples`.
     ``velocity`` (q, d): the velocity v at the samples, tangential.
     ``upstream`` (q,): the upwinding time tau at the samples.
     ``a``, ``c`` (q,) or (1,): the diffusivity, and the factor of u.
     ``gradient_of_a`` (q, d) or (0, d): the gradient of the diffusivity, tangential; none where it is constant.
     ``convective``, ``conservative``: factors of the advection.
-    ``matrix`` (indptr, indices, data): a matrix in CSR format, with the pattern of the space.
+    ``matrix`` (indptr, indices, data): a matrix in CSR format, with the sparsity pattern of the space.
     """
     indptr, indices, data = matrix
     d = places.shape[1]
@@ -187,7 +186,7 @@ class Advection:
     def add_to_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
         """Return multigrid ``levels`` with the upwinding that their spacings need, for ``share`` times these terms.
 
-        tau is h / (2 |v|) everywhere, not only above a cell number of one, so that it doubles with the spacing.
+        The tau added on the first of them is h / (2 |v|) at any cell number, and it doubles from level to level.
         """
         data = np.zeros(len(self.space.indices))
         times = upstream_times(np.linalg.norm(self.velocity, axis=1), np.zeros(1), self.space.dof_map.spacing)
@@ -237,10 +236,10 @@ def convection_matrix(space: SplineSpace, field: Floats) -> csr_array:
 
 
 def upstream_times(speed: Floats, a: Floats, spacing: float) -> Floats:
-    """Return the factor tau (q,) of streamline upwinding, by the formula at the top of the module.
+    """Return the factor tau (q,) of streamline upwinding: h / |v| max(0, 1 - 1 / P) / sqrt(2^2 + (16 / P)^2).
 
-    ``speed`` (q,) is |v|, ``a`` (q,) or (1,) the diffusivity. tau is zero where the speed is, and where |v| h <= a; for
-    a = 0 it is h / (2 |v|).
+    ``speed`` (q,) is |v|, ``a`` (q,) or (1,) the diffusivity, P = |v| h / a. tau is zero where the speed is, and where
+    P <= 1; for a = 0 it is h / (2 |v|).
     """
     moving = speed > 0
     crossing_time = np.divide(spacing, speed, out=np.zeros_like(speed), where=moving)
@@ -263,7 +262,7 @@ def tangential_velocity(velocity: VectorField, points: Floats, normals: Floats, 
 
 
 def outward_speed(velocity: VectorField, samples: BoundarySamples, lattice: Lattice) -> Floats:
-    """Return v . b (b,) at the boundary ``samples``, b the conormal out of the cell of each."""
+    """Return v . b (b,) at boundary ``samples``, b the conormal out of the cell, v evaluated just inside the cell."""
     points = samples.points + INSIDE_SHARE * (samples.centres - samples.points)
     v = tangential_velocity(velocity, points, samples.normals, lattice)
     return np.asarray(np.einsum("bd,bd->b", v, samples.conormals))

@@ -86,7 +86,7 @@ class SampleCoefficients(PointReader):
     def diffusivity(self, data: Any) -> Floats:
         """Return the diffusivity at all samples, (q,) or (q, d, d), or (1,) if ``data`` are a number.
 
-        Raises InputError if the diffusivity is not positive, or not positive definite on tangents.
+        Raises InputError if it is not positive (definite on tangents), or a tensor beside singular functions.
         """
         if isinstance(data, StateDependentCoefficient):
             a = self.evaluate_at_state(data)
@@ -126,15 +126,15 @@ class SampleCoefficients(PointReader):
 
     @cached_property
     def boundary_rows(self) -> tuple[Any, Any]:
-        """The matrices (b, n) that evaluate the splines, and du/db out of the cell of each, at the boundary samples."""
+        """The matrices (b, n) of values and of derivatives along conormals of splines at boundary samples."""
         boundary, patch = self.sampled.boundary, self.space.dof_map.patch[self.sampled.interior :]
         along = self.space.spline_derivative_rows(patch, boundary.points, boundary.conormals)
         return self.space.spline_rows(patch, boundary.points), along
 
     # Advection
 
-    def advection(self, terms: Terms) -> Advection:
-        """Return the advection by the velocity of ``terms``, evaluated at the samples; zero at boundary samples."""
+    def advection_at_samples(self, terms: Terms) -> Advection:
+        """Return the advection by the velocity of ``terms`` at all samples; the velocity is zero on boundaries."""
         assert terms.velocity is not None
         a, c = self.diffusivity(terms.diffusivity), self.at_all_samples(terms.c, "the factor c")
         rows, samples = slice(self.sampled.interior), self.sampled.samples
@@ -155,10 +155,7 @@ class SampleCoefficients(PointReader):
 
 
 def check_diffusivity(a: Floats) -> Floats:
-    """Return the diffusivity ``a`` (k,), or raise if it is not positive everywhere.
-
-    Raises InputError if a value is not above zero; the message has the smallest value.
-    """
+    """Return the diffusivity ``a`` (k,), or raise InputError with its smallest value if that is not positive."""
     if np.any(a <= 0):
         raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
     return a

@@ -77,7 +77,7 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
     Raises
     ------
     SceneError
-        If a boundary lies off the surface, or on another boundary with a different condition.
+        If a boundary lies off the surface, is not in the mesh, or lies on a boundary with a different condition.
     """
     bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
     lattice = Lattice(0.5 * (bounds[0] + bounds[1]), length)

@@ -54,7 +54,8 @@ LEAST_GAIN = 3.0
 def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
     """Return the discretisation of a scene; ``progress`` receives the stage and the share of it that is done.
 
-    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary or the spacing does not fit.
+    Raises SceneError if the form cannot solve the scene, and InputError, SceneError or ResolutionError if the
+    lattice's origin, a boundary, a condition or the spacing does not fit.
     """
     check(scene, options)
     SolveMemory(scene, options).check_samples_fit()
@@ -86,9 +87,9 @@ def refine_adaptively(
 ) -> Galerkin:
     """Return the discretisation of a scene on splines that are finer where its solution needs them.
 
-    The scene is solved, patches with large residuals are marked, and those are subdivided. This ends at the first solve
-    if refinement is expected to save too few unknowns; later if most of the marked residual is on the finest level, or
-    too many patches are marked.
+    The scene is solved, patches with large residuals are marked, and those are subdivided, up to `MOST_PASSES` times.
+    This ends earlier if refinement is expected to save too few unknowns after the first solve, if most of the marked
+    residual is on the finest level, or if too many patches are marked.
     """
     regions, most = Regions(options.spacing, scene.surface.dim), options.own.refine_levels
     progress("refinement", 0.0)
@@ -204,8 +205,8 @@ def mark_patches(squares: Floats) -> Bools:
 def expected_gain(form: Galerkin, squares: Floats) -> float:
     """Return by which factor patches of adapted sizes are expected to reduce the unknowns at the same error.
 
-    With squares e_p of patches of areas w_p at size h that fall like h^(2 k), and unknowns like h^-2, the fewest
-    unknowns for a given sum of squares are those at sizes h_p^2 in proportion to (w_p / e_p)^(1 / (k + 1)): the gain is
+    With ``squares`` e_p of patches of areas w_p at size h that fall like h^(2 k), k = 3, and unknowns like h^-2, the
+    fewest unknowns for one sum of squares are those at h_p^2 in proportion to (w_p / e_p)^(1 / (k + 1)): the gain is
     ``(sum w)(sum e)^(1/k) / (sum w^(k/(k+1)) e^(1/(k+1)))^((k+1)/k)``.
     """
     dof_map, k = form.space.dof_map, ORDER

@@ -81,11 +81,11 @@ class DofMap:
 
 
 def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = None, degree: int = 2) -> DofMap:
-    """Return the patches and unknowns of splines of a ``degree`` over the samples ``points`` (q, d).
+    """Return the dof map of splines of a ``degree``: the patches of samples ``points`` (q, d), and their unknowns.
 
     ``contacts`` (m, k) are the vertices of the cells of the mesh that was cut along the boundaries, ``cell`` (q,) is
-    the cell of each sample, by default its own number. Points are relative to the origin of the lattice. A connected
-    piece of the manifold smaller than `ISOLATED_SPACINGS` has one unknown, which all of its patches read.
+    the mesh cell of each sample, by default cell i of sample i. Points are relative to the origin of the lattice. A
+    connected piece of the manifold smaller than `ISOLATED_SPACINGS` has one unknown, which all of its patches read.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     cell = np.arange(len(points)) if cell is None else cell
@@ -102,7 +102,7 @@ def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
     """Return the patch (s,) of each sample, one sample (p,) of each patch, and the pairs (t, 2) of patches that touch.
 
     ``code`` (s,) is the code of the lattice cell, ``cell`` (s,) the mesh cell of each sample; ``corners`` (m, k) are
-    the vertices of the mesh cells.
+    the vertices of the mesh cells after cutting.
     """
     cell = np.ascontiguousarray(cell, dtype=np.int32)
     root, first, after, holder = join_samples(code, np.ascontiguousarray(corners), cell, int(corners.max()) + 1)
@@ -130,7 +130,7 @@ def dof_map_from_patches(
 def components(count: int, pairs: Any) -> tuple[int, Ints]:
     """Return the number of connected components of a graph, and the component (count,) of each node.
 
-    ``pairs`` (t, 2) are the edges between the nodes 0 to ``count`` - 1.
+    ``pairs`` (t, 2) are the edges between the nodes 0 to ``count`` - 1, which are patches, or facets of boundaries.
     """
     from cpmkit.runtime.index_sets import label_sets, unite_pairs
 
@@ -148,9 +148,9 @@ def connected_pieces(dof_map: DofMap) -> tuple[int, Ints]:
 
 
 def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
-    """Return (d k, degree + 1) the unknowns on the lines along each axis, inside a patch, through k nodes of patches.
+    """Return the lines (d k, degree + 1) of unknowns that a patch reads along each axis, through k of its unknowns.
 
-    ``entries`` (k,) are the indices of these nodes in ``dof_map.unknowns.ravel()``.
+    ``entries`` (k,) are the places of these unknowns in ``dof_map.unknowns.ravel()``.
     """
     flat, width = dof_map.unknowns.ravel(), dof_map.width
     lines = [(entries - entries // s % width * s)[:, None] + s * np.arange(width) for s in dof_map.strides]
@@ -159,7 +159,7 @@ def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
 
 @compiled
 def with_double_room(values: Any) -> Any:
-    """Return a copy of ``values`` (k,) of length 2 k; the second half is not filled."""
+    """Return a copy of ``values`` (k,) with room for 2 k, for kernels that append to it; the rest is not filled."""
     more = np.empty(2 * len(values), dtype=values.dtype)
     more[: len(values)] = values
     return more
@@ -180,13 +180,13 @@ def cell_codes(points: Floats, spacing: float) -> Ints:
 
 @compiled
 def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[Any, Any, Any, Any]:
-    """Join the samples of a lattice cell that share a vertex of the mesh; return the joined sets and a list of slots.
+    """Join the samples of a lattice cell whose mesh cells share a vertex; return their roots, and slots of vertices.
 
     The arguments are the ``code`` (q,) of the lattice cell and the mesh ``cell`` (q,) of each sample, and the vertices
     ``contacts`` (m, k) of mesh cells, numbered below ``vertices``. Returned are the root (q,) of each sample, the same
-    for joined samples, and linked slots: a vertex has a slot for each lattice cell with samples at it. ``first``
-    (vertices,) is the first slot of a vertex, ``after`` the next slot of the same vertex (-1 for none), ``holder`` a
-    sample of the slot.
+    for joined samples, and ``first`` (vertices,), ``after`` and ``holder``: a vertex has a slot for each lattice cell
+    with samples at it; ``first`` is the first slot of a vertex, ``after`` the next slot of the same vertex (-1 for
+    none), ``holder`` a sample of the slot.
     """
     q, k = len(code), contacts.shape[1]
     parent, first = np.empty(q, dtype=np.int32), np.empty(vertices, dtype=np.int32)
@@ -217,7 +217,7 @@ def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[
 
 @compiled
 def touching_patches(patch: Any, patches: int, first: Any, after: Any, holder: Any) -> Any:
-    """Return the pairs (t, 2) of patches that share a vertex, once each and ascending, the smaller number first.
+    """Return the pairs (t, 2) of distinct patches that share a mesh vertex: ascending, the smaller number first.
 
     ``first``, ``after`` and ``holder`` are the linked slots from :func:`join_samples`; ``patch`` (q,) is the patch of
     each sample, ``patches`` their number.
@@ -272,10 +272,10 @@ def piece_extents(points: Floats, patch: Any, label: Ints, pieces: int) -> Float
 def number_unknowns(cells: Ints, touching: Any, single: Bools, along: int) -> tuple[Any, Ints]:
     """Return the unknowns (p, along^d) at the nodes that each patch reads, and the node (n, d) of each unknown.
 
-    A node has an unknown for each connected component of the patches that read it, where the pairs ``touching`` (t, 2)
-    are connected. ``cells`` (p, d) are the lattice cells of the patches, which read ``along`` nodes per axis. A patch
-    that is ``single`` (p,) has the same unknown at all nodes, shared with the patches that it touches. Unknowns are
-    numbered in the order in which the patches read them first.
+    A node has an unknown for each connected component of the patches that read it, connected by the pairs ``touching``
+    (t, 2). ``cells`` (p, d) are the lattice cells of the patches, which read ``along`` nodes per axis. A patch that is
+    ``single`` (p,) has the same unknown at all nodes, shared with the patches that it touches. Unknowns are numbered in
+    the order in which the patches read them first.
     """
     p, d = cells.shape
     width = along**d

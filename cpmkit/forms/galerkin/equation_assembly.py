@@ -43,9 +43,9 @@ class EquationAssembly:
     # Matrices
 
     def stiffness(self, terms: Terms) -> GalerkinOperator:
-        """Return A: the energy with its stabilisation, c u v, the advection, and the terms of the conditions.
+        """Return A: the energy of the diffusivity, stabilised, c u v, the advection, and the terms of the conditions.
 
-        Raises InputError if the diffusivity is not positive, or not definite on tangents.
+        Raises InputError if it is not positive (definite on tangents), SceneError if a conductivity contradicts it.
         """
         space, coefficients = self.coefficients.space, self.coefficients
         a = coefficients.diffusivity(terms.diffusivity)
@@ -75,10 +75,10 @@ class EquationAssembly:
         return CsrOperator((matrix + upwinding).tocsr())
 
     def advection(self, field: StateDependentCoefficient) -> CsrOperator:
-        """Return the matrix (n, n) of the integrals of u (w . grad v), w (p, d) the value of ``field`` at the samples.
+        """Return the matrix (n, n) of the integrals of u (w . grad v), with w (p, d) the ``field`` at the samples.
 
-        The integrals of u (w . b) v over boundaries with a given slope, b the conormal, are subtracted: the flux there
-        changes with u as it does inside.
+        The integrals of u (w . b) v over boundaries with a flux or Robin condition, b the conormal, are subtracted: the
+        flux there changes with u as it does inside.
         """
         matrix = convection_matrix(self.coefficients.space.splines, self.coefficients.evaluate_at_state(field))
         slope_rows = [condition.rows for condition in conditions_with_law(self.conditions, Flux, Mixed)]
@@ -95,7 +95,7 @@ class EquationAssembly:
     def scene_advection(self) -> Advection | None:
         """The advection of the scene's own equation; None without a velocity."""
         terms = self.scene.problem.terms()
-        return None if terms.velocity is None else self.coefficients.advection(terms)
+        return None if terms.velocity is None else self.coefficients.advection_at_samples(terms)
 
     def _advection_of(self, terms: Terms) -> Advection | None:
         """Return the advection of ``terms``, cached if they are the scene's own; None without a velocity."""
@@ -103,7 +103,7 @@ class EquationAssembly:
         names = "velocity", "diffusivity", "c", "conservative"
         if all(getattr(terms, name) is getattr(scene_terms, name) for name in names):
             return self.scene_advection
-        return None if terms.velocity is None else self.coefficients.advection(terms)
+        return None if terms.velocity is None else self.coefficients.advection_at_samples(terms)
 
     # Conditions
 
@@ -201,12 +201,9 @@ class EquationAssembly:
     # Constants
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the pieces of the manifold on which a constant is free, with means over them; None if there are none.
+        """Return the pieces of the manifold where constants solve A u = 0, and means over them; None if there are none.
 
-        Raises
-        ------
-        SceneError
-            If, under a conservative velocity, a solution other than a constant is free.
+        Raises SceneError if a conservative velocity leaves another function undetermined.
         """
         space = self.coefficients.space
         assert isinstance(stiffness, GalerkinOperator)

@@ -1,4 +1,4 @@
-"""The order with which differences of two solutions estimate errors (GALERKIN 10), and the dispersion of splines."""
+"""Estimates of errors from two solutions (GALERKIN 10) and from a single solution, and the dispersion of splines."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ def difference_order(
     difference: float,
     eigenvalues: bool,
 ) -> float:
-    """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error, at a ratio r of spacings.
+    """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error, at a ``ratio`` r of spacings.
 
-    A difference from a solution at twice the spacing is divided by 2.7 to 7 with ``degree`` 2 on smooth sources, by 2.5
-    on meshes, and by less where errors fall slowly; on smooth sources with degree 1 by 1.1 to 2.8, with degree 3 and
-    for eigenvalues by 5.4 to 14. At order 3 the difference is 7 times the error; with order 2 the estimate would be
-    twice the error. The other parameters are those of :meth:`cpmkit.forms.contract.Discretized.diagnosis`.
+    At r = 2 the divisor r^p - 1 is, on smooth sources, 1.1 to 2.8 with ``degree`` 1, 2.7 to 7 with degree 2 (5.4 to 14
+    for ``eigenvalues``), and 5.4 to 14 with degree 3: the less, the larger the ``difference`` and the spacing of
+    ``coarser`` are. It is at most 2.5 on meshes, and less where errors fall slowly. The parameters are those of
+    :meth:`cpmkit.forms.contract.Discretized.diagnosis`; resolutions stand for forms.
     """
     # at orders 3 and 4 differences are 7 and 15 times the error; of eigenvalues, at order 4, 13 to 17 times (measured)
     smooth = {1: 2.4, 2: 12.0 if eigenvalues else 6.0, 3: 12.0}[degree]
@@ -73,7 +73,7 @@ def difference_order(
 
 
 def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, difference: float) -> float:
-    """Return the number by which a difference from a solution at twice the spacing is divided to estimate the error."""
+    """Return the divisor at twice the spacing in :func:`difference_order`; ``smooth`` is that of smooth sources."""
     if resolution.end_or_layer_reason():
         return SLOW_DIVISOR
     spread = resolution.normal_spread

@@ -1,4 +1,4 @@
-"""The Galerkin form: the contract of a form by a function space over quadrature samples, with conditions.
+"""The Galerkin form: fulfils the contract of a form by a function space, quadrature samples and conditions.
 
 Its parts, in the order of the method: the sampled scene (mesh and quadrature), the function space (dof map, splines,
 energy), the conditions, and over these the reader and the coefficients, the assembly of equations, and the resolution.
@@ -85,7 +85,7 @@ class Galerkin(EquationAssembly, Discretized):
 
     @property
     def traits(self) -> FormTraits:
-        """The solver of large systems, the dispersion by degree, and degree 3 as advice on smooth closed surfaces."""
+        """The iterative solver, the dispersion of the splines, and degree 3 as advice on smooth closed surfaces."""
         sampled = self.sampled
         closed = not self.scene.boundaries and not len(sampled.boundary)
         smooth = closed and sampled.mesh.manifold_dim == 2 and sampled.geometry == "closest_point"
@@ -97,7 +97,7 @@ class Galerkin(EquationAssembly, Discretized):
         )
 
     def check(self, solver: str) -> None:
-        """Raise if factors do not fit into memory, and make the warnings before matrices take memory."""
+        """Raise ResolutionError if factors of ``solver`` do not fit into memory; make the warnings before."""
         cost = SolveMemory(self.scene, self.options)
         if cost.factorised_part(solver):  # the memory of other solvers was checked before the tables were made
             cost.check_fits(self.size, solver)
@@ -105,7 +105,10 @@ class Galerkin(EquationAssembly, Discretized):
         release_memory()
 
     def with_scene(self, scene: Scene) -> Galerkin:
-        """Return the form on the same space for a scene that differs in its equation and its data only."""
+        """Return the form on the same space for a scene that differs in its equation and its data only.
+
+        Raises SceneError if the form cannot solve it, or if its velocity needs samples on rims that were not made.
+        """
         check(scene, self.options)
         sampled = self.sampled
         if scene.problem.terms().conservative and np.any(sampled.half.cut < 0) and np.all(sampled.boundary.owner >= 0):
@@ -127,24 +130,27 @@ class Galerkin(EquationAssembly, Discretized):
         return self.space.mass
 
     def weighted_mass(self, values: Floats) -> csr_array:
-        """Return the integrals (n, n) of c u v, with the ``values`` (p,) of c at the samples."""
+        """Return the integrals (n, n) of c u v, with the ``values`` (p,) of c at the samples.
+
+        Raises SceneError if singular functions are among the unknowns.
+        """
         return self.space.weighted_mass(self.coefficients.append_boundary_samples(values))
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
-        """Return the integrals of u v over boundaries with du/db = lambda u; None if there are none."""
+        """Return the integrals (n, n) of a u v over boundaries with du/db = lambda u; None if there are none."""
         assert isinstance(stiffness, GalerkinOperator)
         assert stiffness.conditions is not None
         matrix = stiffness.conditions.boundary_mass
         return None if matrix is None else CsrOperator(matrix, symmetric=True)
 
     def levels(self, operator: Operator) -> Sequence[Level]:
-        """Return the multigrid levels: first those of refined splines, then lattices of 2, 4, ... times the spacing."""
+        """Return the multigrid levels of ``operator``: of refined splines, then of lattices of 2, 4, ... times h."""
         inner, plain = operator.operator if isinstance(operator, Bordered) else operator, self.space.plain_levels
         usable = inner.usable_levels(plain, self.spacing) if isinstance(inner, GalerkinOperator) else plain
         return [*self.space.refined_levels, *usable]
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return the integrals (n, channels) of ``f`` times each function."""
+        """Return the load (n, channels) of ``f``: integrals times each function, upwinded if there is a velocity."""
         return f.loads(self, time) if isinstance(f, Functional) else self.load_with_upwinding(f, time)
 
     def gradient_load(self, values: Floats) -> Floats:
@@ -166,7 +172,7 @@ class Galerkin(EquationAssembly, Discretized):
         return self.condition_terms(Terms()).state_fluxes
 
     def linearise(self, seen: Sequence[Floats]) -> Galerkin:
-        """Return the form with each state-dependent flux replaced by its tangent at the values ``seen`` (k,) of u."""
+        """Return the form with each flux that depends on u linearised at values ``seen``, (k,) for each, of u."""
         terms = self.condition_terms(Terms()).linearise(seen)
         return replace(self, conditions=terms.conditions)
 
@@ -192,7 +198,10 @@ class Galerkin(EquationAssembly, Discretized):
         return self.space.values_at_samples(u, rows)
 
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
-        """Return the unknowns (n, channels) of the functions nearest to ``values`` (p, channels) in mean square."""
+        """Return the unknowns (n, channels) of the functions nearest to ``values`` (p, channels) in mean square.
+
+        ``start`` (n, channels) are the unknowns of a first approximation: the projection of the rest is added to them.
+        """
         del time  # no unknown represents data of a condition
         return (
             self.space.project(values) if start is None else start + self.space.project(values - self.at_points(start))
@@ -205,7 +214,7 @@ class Galerkin(EquationAssembly, Discretized):
     def interpolate(
         self, data: Data, label: str, time: float = 0.0, in_range: bool = False, step: float = 0.0
     ) -> Floats:
-        """Return the unknowns (n, channels) of the functions nearest to ``data``, with ``in_range`` in their range.
+        """Return the unknowns (n, channels) of the L2 projections of ``data``, or with ``in_range`` without overshoots.
 
         The nearest splines overshoot by a tenth of a jump on both sides, and below zero beside a spike. With
         ``in_range`` the coefficients of channels with spikes or jumps are therefore the means of the data under each
@@ -232,7 +241,7 @@ class Galerkin(EquationAssembly, Discretized):
         return self.coefficients.rows(points, side)
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the tangential gradient (k, channels, d) at points, projected, or at the samples, not projected."""
+        """Return the tangential gradient (k, channels, d) at points after L2 projection, or at samples without it."""
         if points is None:
             return self.space.gradients_at_samples(u)
         return self.coefficients.gradient(u, points, side)
@@ -286,7 +295,7 @@ class Galerkin(EquationAssembly, Discretized):
         difference: float = 0.0,
         eigenvalues: bool = False,
     ) -> Diagnosis:
-        """Return the order that estimates the error, why the error may fall slowly, and the share that is not resolved.
+        """Return the order by which a difference estimates the error, why it may fall slowly, and the unresolved share.
 
         See :func:`~cpmkit.forms.galerkin.error_indicators.difference_order`.
         """
@@ -294,16 +303,16 @@ class Galerkin(EquationAssembly, Discretized):
         return Diagnosis(
             difference_order(self.resolution, degree, ratio, other, difference, eigenvalues),
             self.resolution.slow_convergence_reason(other),
-            unresolved_share=self.lattice_resolution.unresolved_share,
+            unresolved_share=self.lattice_resolution.single_unknown_share,
         )
 
     def estimate(self, u: Floats) -> ExpectedError | None:
-        """Return an estimate of the error of u from third differences of coefficients; None for refined splines."""
+        """Return an estimate of the error of u from third differences; None if refined, or of a degree other than 2."""
         is_refined = self.space.dof_map is not self.space.base_dof_map
         return None if is_refined else single_solution_estimate(self.resolution, u)
 
     def source_error(self, difference: float | None = None) -> float:
-        """Return the error that the source leaves: in integrals, by noise, or by curving a mesh without support."""
+        """Return the error, as a share of u's range, that the source leaves: by integrals, noise, or curving a mesh."""
         sampled = self.sampled
         noise = NOISE_FACTOR * sampled.surface.noise / self.spacing
         error = max(integral_floor_of(self.scene.surface, self.spacing), noise)

@@ -64,7 +64,10 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
         return integral_floor_of(self.scene.surface, self.options.spacing)
 
     def explain(self, solver: str, progress: Progress) -> Explanation:
-        """Return the parts and counts of the scene discretised at the spacing, or if large at two coarser spacings."""
+        """Return parts and counts of the scene at the spacing, for large scenes extrapolated from coarser ones.
+
+        Raises ResolutionError if a solve does not fit into memory, and the errors of :func:`discretize`.
+        """
         from cpmkit.forms.galerkin.discretize_scene import discretize
 
         scene, options = self.scene, self.options

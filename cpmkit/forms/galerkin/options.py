@@ -30,7 +30,7 @@ class Stabilisation:
     e3: float = 0.0  #: Factor of the square of the third derivative along normals, for cubic splines.
 
 
-#: Stabilisation by degree and name: "accurate" has half the error of "default" and twice the iterations.
+#: Stabilisation by degree and name: "accurate" leaves .4 to .98 of the error of "default", at 1.4 to 2 times its steps.
 STABILISATIONS = {
     1: {"default": Stabilisation(1e-1, 1e-2, 1e-4), "accurate": Stabilisation(1e-2, 1e-2, 1e-4)},
     2: {"default": Stabilisation(1e-2, 1e-2, 1e-4), "accurate": Stabilisation(1e-3, 1e-3, 1e-4)},
@@ -109,10 +109,7 @@ class GalerkinOptions(DeclaredOptions):
 
 
 def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
-    """Raise if the form, with these options, cannot discretise a scene.
-
-    Raises SceneError if the form cannot; the message has the reason and advice.
-    """
+    """Raise SceneError, with the reason and advice, if the form with these options cannot discretise a scene."""
     problem, surface = scene.problem, scene.surface
     if problem.family not in FAMILIES:
         raise SceneError(f"the form {options.form!r} does not yet solve {problem.kind!r}; use form='collocation'.")

@@ -119,10 +119,10 @@ class PatchLocator:
         return oriented.signed_distance(at, DIFFERENCE_SPACINGS * self.lattice.spacing)
 
     def _choose_patch(self, points: Floats, samples: Ints, scores: Floats, first: Ints) -> tuple[Ints, Bools]:
-        """Return the patches (k,) for ``points``, and whether (k,) patches near a point do not touch its patch.
+        """Return the patches (k,) for ``points``, and whether (k,) some patch near a point does not touch its patch.
 
-        A patch is that of the best sample whose lattice cell has the point, of those that touch the nearest patch.
-        ``first`` (k,) is the one of the ``samples`` (k, q) that has the least of the ``scores`` (k, q).
+        ``first`` (k,) is the one of the ``samples`` (k, q) that has the least of the ``scores`` (k, q). Of its patch
+        and those touching it, that with the least score whose lattice cell has the point is returned, else its patch.
         """
         patch, candidates = self.dof_map.patch[first], self.dof_map.patch[samples]
         low, high = np.minimum(candidates, patch[:, None]), np.maximum(candidates, patch[:, None])
@@ -218,9 +218,9 @@ class PatchLocator:
         return cKDTree(self.samples.points_at(np.flatnonzero(self.samples.weights == 0)))
 
     def _nearest_samples(self, points: Floats, count: int) -> tuple[Floats, Ints]:
-        """Return the ascending distances (k, q) of the ``count`` nearest samples from ``points`` (k, d), and numbers.
+        """Return the distances (k, q) from ``points`` (k, d), ascending, and the numbers (k, q), of nearest samples.
 
-        q is at most the number of samples.
+        q is ``count``, or the number of all samples if that is less.
         """
         count = min(count, len(self.samples))
         distance, samples = self._sample_tree.query(points, count)

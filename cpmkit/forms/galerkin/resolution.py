@@ -84,7 +84,7 @@ class LatticeResolution:
         return NormalSpread(float(area[is_unresolved].sum() / area.sum()), space.dof_map.places[worst], bending)
 
     @cached_property
-    def unresolved_share(self) -> float:
+    def single_unknown_share(self) -> float:
         """The share of patches on pieces of the manifold that have one unknown each."""
         count, piece = connected_pieces(self.space.base_dof_map)
         size = np.bincount(piece, minlength=count)
@@ -129,10 +129,10 @@ class Resolution:
     def layer_spacings(self) -> float:
         """The width of the thinnest layer of the solution in spacings; infinite where there are no layers.
 
-        Steady problems -div(a grad u) + c u = f have layers of width sqrt(a / c) along edges and boundaries, except
-        where the condition is zero flux. With a tensor a they may be anywhere: a is then its smallest eigenvalue in the
-        tangent space, and the width is at most half the extent of the manifold times sqrt(smallest / largest
-        eigenvalue).
+        Steady problems -div(a grad u) + c u = f have layers of width sqrt(a / c), with the least a and the largest c,
+        along boundaries and rims with conditions (rims with zero flux alone have none). With a tensor a they may be
+        anywhere: a is then its smallest eigenvalue in the tangent space, and the width is at most half the extent of
+        the manifold times sqrt(smallest / largest eigenvalue).
         """
         terms = self.scene.problem.terms()
         if self.scene.problem.family != "steady" or isinstance(terms.diffusivity, StateDiffusivity):

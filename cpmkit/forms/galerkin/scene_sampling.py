@@ -130,7 +130,7 @@ def sample_inserted(
 ) -> SampledScene:
     """Return the samples of a scene whose boundaries are inserted, with smaller cells in ``regions``.
 
-    Raises InputError, SceneError or ResolutionError as :func:`insert_scene` does.
+    Raises InputError or SceneError if a condition cannot be imposed, see :func:`impose_conditions`.
     """
     spacing, sampling, geometry = options.spacing, options.own.sampling, inserted.geometry
     lattice, surface, oriented, warnings = inserted.lattice, inserted.surface, inserted.oriented, inserted.warnings
@@ -206,10 +206,7 @@ def _repaired_cells(
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[Boundary], spacing: float) -> None:
-    """Raise if a boundary is not in the mesh, is far away, or coincides with a boundary of different conditions.
-
-    Raises SceneError in each of these cases; the message has the names of the boundaries.
-    """
+    """Raise SceneError if a boundary is not in the mesh, is far away, or lies on one with different conditions."""
     for number, gap in insertion.max_distances.items():
         if gap > AWAY_SPACINGS * spacing:
             raise SceneError(

@@ -25,7 +25,7 @@ LONGER_SPACINGS = 0.25
 
 @dataclass(frozen=True, eq=False)
 class SheetSeparation:
-    """The cells of the manifold, used to assign points to sheets.
+    """The mesh of the manifold, by which points are assigned to one of several sheets that lie close together.
 
     The source names its own triangle or segment that contains a point, and the point lies on the sheet from which the
     paths over edges of cells to the corners of that triangle are shortest.
@@ -39,7 +39,7 @@ class SheetSeparation:
     spacing: float  #: Spacing h of the lattice.
 
     def path_lengths(self, points: Floats, element: Ints, cells: Ints, group: Ints) -> tuple[Floats, float]:
-        """Return lengths of paths (k, q), least on the point's own sheet, and a significant difference of two.
+        """Return path lengths (k, q), least on a point's own sheet, and the least difference that is significant.
 
         They are the total lengths of the paths from one of the ``points`` (k, d) over the ``group`` (k, q) of each of
         the ``cells`` (k, q) near it to the corners of the source's own triangle or segment ``element`` (k,) that

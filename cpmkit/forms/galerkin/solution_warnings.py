@@ -1,4 +1,4 @@
-"""Warnings on solutions: jumps between values given on boundaries, unresolved layers, pieces and folds."""
+"""Warnings on any solution: jumps between values given on boundaries, unresolved layers, pieces and folds."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ COPIES_SHARE = 0.5
 
 
 def crossing_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
-    """Yield a warning if boundaries on a surface meet with different values: no spacing resolves the jump.
+    """Yield a warning if boundaries on a surface differ at their first common vertex: no spacing resolves the jump.
 
     On a sphere at h = 0.2 and 0.1, two great circles with the values 1 and 2 left errors of 0.3 within half a spacing
     of the crossing, 0.05 from one to two spacings away, 0.006 at four and 0.001 at eight.
@@ -89,7 +89,7 @@ def tip_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
 
 
 def ends_inside(mesh: Mesh, number: int) -> Ints:
-    """Return the vertices (k,) at which boundary ``number`` ends inside the surface: where its edges are extended."""
+    """Return the vertices (k,) at which boundary ``number`` ends inside the surface and its continuation begins."""
     own = mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip]
     past = mesh.cut[(mesh.owner == number) & mesh.beyond_tip]
     vertices, count = np.unique(own, return_counts=True)

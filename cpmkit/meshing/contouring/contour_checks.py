@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots, norms
-from cpmkit.meshing.contouring.contour_edges import components, edge_table, halve_edges, open_edges
+from cpmkit.meshing.contouring.contour_edges import components_with_areas, edge_table, halve_edges, open_edges
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes
 from cpmkit.meshing.contouring.contour_repair import crowded_edges
 from cpmkit.meshing.contouring.contour_rims import RimTest, edges_on_rim
@@ -76,7 +76,7 @@ def find_defects(
     lone = (edges.count > 2) & (degree[edges.ends] == 1).all(axis=1)
     degree[edges.ends[edges.count == 1]] = 0  # a branch line may end at the border
     degree[edges.ends[lone]] = 1  # a single edge is no branch line: both ends are defects
-    areas = components(vertices, cells, cells)[1]
+    areas = components_with_areas(vertices, cells, cells)[1]
     creases = nodes.closest[nodes.near_creases]
     # The area from the nodes is a sum of a raised cosine of their distance, a smoothed delta function that is zero from
     # one spacing on. Kublik and Tsai, Integration over curves and surfaces defined by the closest point mapping (2016).

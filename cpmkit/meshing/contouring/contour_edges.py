@@ -140,14 +140,14 @@ def remove_small_components(vertices: Floats, cells: Ints, links: Ints, spacing:
 
     Triangles with a common link are connected, see :func:`components`. All stay where every component is that small.
     """
-    component, areas = components(vertices, cells, links)
+    component, areas = components_with_areas(vertices, cells, links)
     is_small = areas < LEAST_COMPONENT_AREA * spacing**2
     if is_small.all():
         return cells, 0
     return np.ascontiguousarray(cells[~is_small[component]]), int(is_small.sum())
 
 
-def components(vertices: Floats, cells: Ints, links: Ints) -> tuple[Ints, Floats]:
+def components_with_areas(vertices: Floats, cells: Ints, links: Ints) -> tuple[Ints, Floats]:
     """Return the component (m,) of each triangle, and the area (c,) of each component.
 
     ``links`` (m, 3) are the vertices or the edges of each triangle; triangles with a common link are connected.

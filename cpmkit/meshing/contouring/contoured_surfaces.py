@@ -17,7 +17,7 @@ from cpmkit.meshing.contouring.contour_checks import (
     restore_creases,
 )
 from cpmkit.meshing.contouring.contour_edges import (
-    components,
+    components_with_areas,
     edge_table,
     remove_small_components,
 )
@@ -114,7 +114,7 @@ def _contour_on(
     cells, open_components = remove_small_components(vertices, cells, cells, spacing)
     cells = fill_holes(rims, vertices, cells)
     cells, closed_components = remove_small_components(vertices, cells, cells, spacing)
-    components_before = len(components(vertices, cells, cells)[1])
+    components_before = len(components_with_areas(vertices, cells, cells)[1])
     vertices, on_rim = move_to_rims(rims, vertices, cells)
     cells = remove_bridges(rims, vertices, cells, on_rim)
     cells, folds = remove_folds(vertices, cells, on_rim, fine)

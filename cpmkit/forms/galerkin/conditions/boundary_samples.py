@@ -157,7 +157,7 @@ def _select_corner(values: Floats, which: Ints) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class BoundarySamples:
-    """Points at which conditions are imposed: `POINTS_OF_EDGE` on each edge of triangles, one at each end of segments.
+    """Points at which conditions are imposed: `POINTS_OF_EDGE` on an edge, one at an end or a point of a surface.
 
     A facet has these samples once for each cell beside it, at the same points and in the same order along the facet.
     """

@@ -241,9 +241,9 @@ class OneSidedLimits:
         The logarithm of the function is evaluated at one and two steps against the conormal, and at one and two steps
         towards the centre of the cell, and each pair is extrapolated linearly to the sample. The first pair of points
         may lie in another zone where boundaries meet, the second pair beyond an interface of materials that is not
-        exactly on the boundary: the limit that is nearer to :attr:`around` is taken. On rims, and where the function is
-        smooth across the boundary, it is evaluated at the sample itself. It counts as smooth if its third difference is
-        at most its second: then a jump would be a smaller error than the extrapolation.
+        exactly on the boundary: the first limit is taken unless the second is clearly nearer to :attr:`around`, which
+        replaces a limit far from it. On rims, and where the function is smooth across the boundary (its third
+        difference is at most its second: a jump would be a smaller error), it is evaluated at the sample itself.
 
         Returned ``values`` (b,): the limits.
         Returned ``along`` (b,): whether the function was evaluated against the conormal or at the sample, not towards
@@ -276,7 +276,7 @@ class OneSidedLimits:
     def conductivity(self, data: Data, label: str, side: str) -> Floats:
         """Return the conductivity (b,) prescribed on one ``side`` of the boundary called ``label``.
 
-        Raises SceneError if the conductivity differs from the problem's diffusivity, whose logarithm is :attr:`around`.
+        Raises SceneError if it differs from the diffusivity, exp of :attr:`around`, and InputError if not positive.
         """
         prescribed, a = self.value(data, f"a conductivity of {label}"), np.exp(self.around)
         off = np.abs(prescribed / a - 1)

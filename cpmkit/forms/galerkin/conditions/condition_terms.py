@@ -22,8 +22,8 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
 from cpmkit.forms.galerkin.conditions.nitsche import (
     COUPLING_PENALTY,
     TIP_PENALTY,
-    form_rows,
     interface_products,
+    linear_form_rows,
     one_sided_products,
     side_factors,
     symmetric_sum,
@@ -137,11 +137,8 @@ class ConditionTerms:
         ``chosen`` (b,): which samples: those on one side of a boundary, or on the rim.
         ``time``: the time at which data are evaluated.
 
-        Returns
-        -------
-        (channels,) float64 or None
-            None if a condition at these samples has the eigenvalue as a factor, which is not known here. Samples
-            without a condition contribute nothing.
+        None if a condition at these samples has the eigenvalue as a factor, which is not known here. Samples without a
+        condition contribute nothing.
         """
         from scipy.sparse import csr_array, hstack
 
@@ -226,7 +223,7 @@ class ConditionTerms:
 
     def _forms(self, factors: Floats, *rows: Ints) -> csr_array:
         """Return the matrix (k, n) of the linear forms ``factors`` (k, s, 2) at the samples ``rows``, s times (k,)."""
-        return form_rows(factors, np.stack(rows, axis=1), self._traces)
+        return linear_form_rows(factors, np.stack(rows, axis=1), self._traces)
 
     @cached_property
     def _traces(self) -> csr_array:
@@ -249,7 +246,7 @@ def condition_terms(
     conditions: Sequence[ImposedCondition],
     samples: BoundarySamples,
     left: Bools,
-    rows: tuple[csr_array, csr_array],
+    traces: tuple[csr_array, csr_array],
     areas: Floats,
     diffusivity: Any,
     logarithms: Floats,
@@ -260,11 +257,11 @@ def condition_terms(
     """Return the terms that the conditions of a scene add to the matrix and the load.
 
     Raises InputError if the diffusivity is not positive everywhere. Raises SceneError if a condition gives a
-    conductivity that differs from the problem's diffusivity, or any if that is a tensor.
+    conductivity that differs from the problem's diffusivity, or gives a conductivity where that is a tensor.
 
     ``conditions``, ``samples``, ``lattice``: the attributes of :class:`ConditionTerms`.
     ``left`` (b,): whether each sample is on the left of its boundary.
-    ``rows`` two csr_array (b, n): evaluate u, and du/db along the conormals, at the samples.
+    ``traces`` two csr_array (b, n): evaluate u, and du/db along the conormals, at the samples.
     ``areas`` (n,): the integral of each spline over the manifold.
     ``diffusivity``, Data or tensor: the diffusivity of the equation.
     ``logarithms`` (n,): the integral of each spline times the logarithm of the diffusivity, or of a tensor's mean over
@@ -273,7 +270,7 @@ def condition_terms(
         diffusivity is a tensor.
     ``spacings`` (b,) or (1,): the spacing of the splines at the samples.
     """
-    values, slopes = rows
+    values, slopes = traces
     constrained = np.zeros(len(samples), dtype=bool)
     for condition in conditions:
         constrained[condition.all_rows] |= condition.constrains_value

@@ -63,7 +63,7 @@ class ImposedCondition:
 
 
 def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) -> list[ImposedCondition]:
-    """Return those ``conditions`` whose law is of one of these ``kinds``."""
+    """Return those ``conditions`` whose law is an instance of one of the classes ``kinds``."""
     return [condition for condition in conditions if isinstance(condition.law, kinds)]
 
 
@@ -107,7 +107,10 @@ def impose_conditions(
 
 
 def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice: Lattice) -> Iterator[ImposedCondition]:
-    """Yield the conditions on boundaries with their samples; equal conditions on both sides are yielded as one."""
+    """Yield the conditions on boundaries with their samples; equal conditions on both sides are yielded as one.
+
+    Raises SceneError if a condition other than a value is at a point, or if one couples sides where there are not two.
+    """
     none = np.zeros(0, dtype=np.int64)
     for number, boundary in enumerate(scene.boundaries):
         label = f"boundary {boundary.name!r}"

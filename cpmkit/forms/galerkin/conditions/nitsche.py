@@ -109,7 +109,7 @@ def side_factors(*factors: Floats) -> Floats:
     return np.stack(factors, axis=1).reshape(len(factors[0]), -1, 2)
 
 
-def form_rows(factors: Floats, rows: Ints, traces: csr_array) -> csr_array:
+def linear_form_rows(factors: Floats, rows: Ints, traces: csr_array) -> csr_array:
     """Return the matrix (k, n) that evaluates linear forms at k samples.
 
     ``factors`` (k, s, 2): factors of u and of du/db on each side.

@@ -45,7 +45,7 @@ class TipDisc:
     heading: Floats
     leftward: Floats
     curvature: float  #: The boundary's curvature at the tip.
-    radius: float  #: Radius R of the disc; zero where no disc fits.
+    radius: float  #: Radius R of the disc; zero before it is known.
     cells: Ints  #: (k,): the cells of the mesh in the disc, ascending.
     #: (k,): the side of each cell: behind the tip 1 to the left of the boundary and -1 to its right, ahead of the tip
     #: 0.
@@ -132,7 +132,7 @@ class TipDiscFinder:
         return TipDisc(origin, heading, np.cross(normal, heading), 2 * curvature / self.spacing**2, 0.0, none, none)
 
     def _is_tilted(self, frame: TipDisc) -> Bools:
-        """Return (m,) whether each cell is tilted against the tangent plane of a tip; slivers never are."""
+        """Return (m,) whether each cell is tilted against a tip's tangent plane; slivers and cells at it are not."""
         corners = self.mesh.vertices[self.mesh.cells]
         doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         longest = norms(corners - corners[:, [1, 2, 0]]).max(axis=1)
@@ -237,7 +237,10 @@ class SingularFunction:
 def singular_functions(
     mesh: Mesh, boundary: BoundarySamples, conditions: Sequence[ImposedCondition], lattice: Lattice
 ) -> tuple[tuple[SingularFunction, ...], tuple[str, ...]]:
-    """Return the singular functions of all tips of a cut mesh, and a warning if no disc fits around some of them."""
+    """Return the singular functions of all tips of a cut mesh, and a warning if no disc fits around some of them.
+
+    Tips with a condition of the kind THROUGH on a side have none.
+    """
     finder, kinds = TipDiscFinder(mesh, lattice.spacing), _kinds(boundary, conditions)
     functions: list[SingularFunction] = []
     narrow = []

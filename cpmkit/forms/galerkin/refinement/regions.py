@@ -202,10 +202,7 @@ def shift_of(spacing: float, level: Any) -> Any:
 def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
     """Return flat triangles whose edges are at most half as long as their distance from an end of a boundary.
 
-    Edges shorter than a thousandth of a spacing are not subdivided.
-
-    ``mesh``: a mesh of flat triangles.
-    ``spacing``: spacing h of the lattice.
+    The ``mesh`` has flat triangles. Edges shorter than a thousandth of the ``spacing`` h are not subdivided.
     """
     from scipy.spatial import cKDTree
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def two_scale(
     cells: Ints, unknowns: Ints, n: int, parent: Ints, coarse_cells: Ints, coarse_unknowns: Ints, shares: Floats
 ) -> tuple[Any, Any, Any]:
-    """Return row pointers (n + 1,), columns, ascending in each row, and weights of the prolongation P (n, m).
+    """Return the row pointers (n + 1,), ascending columns (z,) and weights (z,) of the prolongation P (n, m), in CSR.
 
     ``cells``, ``unknowns`` (p, d), (p, (degree + 1)^d): lattice cells of the finer patches, and the unknowns that they
         read.
@@ -106,8 +106,6 @@ ISOLATED_CELLS = 2
 def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
     """Return the dof map of the lattice of twice the spacing, and the prolongation P (n, m) from its unknowns.
 
-    Notes
-    -----
     A spline of degree p and spacing 2h at node J is the sum of p + 2 splines of spacing h at the nodes from 2J + p // 2
     - p on along every axis, with the binomials of p + 1 over 2^p as coefficients: (1, 3, 3, 1)/4 for degree 2. Rows of
     P sum to 1. A coarser patch is a connected component of the touching patches in one coarser cell. Samples keep their
@@ -146,9 +144,8 @@ LARGEST_REMAINING_SHARE = 0.9
 def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
     """Return the coarser levels of a multigrid hierarchy with their prolongations, the finest first.
 
-    ``dof_map``: dof map of the finest level.
-    ``boundary_patches`` (k,): the patches with samples on boundaries. On each level the unknowns that these patches
-        read, or the coarser patches that contain them, form the strip, which the smoother treats by blocks.
+    ``dof_map`` is that of the finest level, ``boundary_patches`` (k,) are the patches with samples on boundaries. On
+    each level the unknowns that these, or the coarser patches that contain them, read form the strip of the smoother.
     """
     level = replace(dof_map, patch=np.unique(boundary_patches))
     levels: list[Level] = []

@@ -17,7 +17,7 @@ from cpmkit.types import Floats, Ints
 
 @compiled
 def next_neighbours(unknowns: Ints, n: int, stride: int, along: int) -> tuple[Ints, Ints]:
-    """Return the next neighbours of each unknown along an axis, as ``starts`` (n + 1,) and ``after``.
+    """Return ``starts`` (n + 1,) and ``after`` (k,): the next neighbours of each unknown along an axis.
 
     Those of unknown i are ``after[starts[i] : starts[i + 1]]``: the unknowns ``stride`` places behind i in a row of
     ``unknowns`` (p, w), on the same line along the axis. A patch reads ``along`` unknowns on each line.
@@ -79,14 +79,14 @@ def runs_of(starts: Ints, after: Ints, length: int) -> Any:
 
 
 @compiled
-def pattern(
+def sparsity_pattern(
     unknowns: Ints, starts: Ints, places: Ints, runs: Ints, run_starts: Ints, run_places: Ints, indptr: Any
 ) -> Any:
-    """Return the column indices (z,) of the sparsity pattern in CSR format, and fill ``indptr`` (n + 1,).
+    """Return the column indices (z,) of the sparsity pattern of a spline space in CSR, and fill ``indptr`` (n + 1,).
 
-    Columns are ascending in each row and have the type of ``indptr``. ``starts`` and ``places`` are the inverse index
-    of ``unknowns.ravel()``, with ``unknowns`` (p, w); ``run_starts`` and ``run_places`` that of ``runs.ravel()``, with
-    ``runs`` (r, k).
+    All matrices share it: unknowns are coupled if a row of ``unknowns`` (p, w) or of ``runs`` (r, k) has both.
+    Columns ascend in each row and have the type of ``indptr``. ``starts`` and ``places`` are the inverse index of
+    ``unknowns.ravel()``; ``run_starts`` and ``run_places`` that of ``runs.ravel()``.
     """
     n = len(starts) - 1
     width, steps = unknowns.shape[1], runs.shape[1]
@@ -150,7 +150,7 @@ def add_squares(runs: Ints, starts: Ints, places: Any, stencil: Floats, factors:
 def scatter(
     block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats, standing: Any, symmetric: bool
 ) -> None:
-    """Add a dense ``block`` to a sparse matrix in CSR format; of a ``symmetric`` one only the upper half is filled.
+    """Add a dense ``block`` (k room,) to a sparse matrix in CSR format; a ``symmetric`` one has the upper half only.
 
     ``columns`` (k,) are the unknowns of its rows and columns, ``room`` is the length of its rows. ``standing`` (n,) is
     work space for the position of each column in a row of the matrix.

@@ -1,4 +1,4 @@
-"""Compiled: loads summed over samples, and values and gradients of splines at samples.
+"""Kernels: loads summed over samples, and values and gradients of splines at samples.
 
 A patch is a connected part of the manifold in one lattice cell, on which (degree + 1)^d splines are not zero: it reads
 their coefficients, the unknowns.
@@ -54,13 +54,13 @@ def splines_read(splines: Any) -> int:
 
 @inlined
 def row_length(splines: Any) -> int:
-    """Return the length of a row of forms: the number of splines that a cell in space reads, rounded up to fours."""
+    """Return the length of a row of forms: the splines that a cell in space reads, up to a multiple of four."""
     return (len(splines) ** 3 + 3) // 4 * 4
 
 
 @inlined
 def derivative_of(splines: Any, kind: int, axis: int, order: int, i: int, t: float) -> Any:
-    """Return a derivative, of constant ``order``, at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
+    """Return the derivative of ``order`` 0 to 3 at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
     T, p, last = POLYNOMIALS, len(splines) - 2, max(len(splines) - 1 - order, 0)
     value = T[p, kind, axis, order, last, i]
     for k in range(last):
@@ -87,7 +87,7 @@ def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
 
 
 @inlined
-def spline_values(t: float, width: int, values: Floats) -> None:
+def fill_spline_values(t: float, width: int, values: Floats) -> None:
     """Fill ``values`` (width,) with the values at ``t`` of the splines of degree width - 1 on a cell, along an axis."""
     T = POLYNOMIALS[width - 2, 0, 1, 0]
     for i in range(width):
@@ -95,7 +95,7 @@ def spline_values(t: float, width: int, values: Floats) -> None:
 
 
 @inlined
-def spline_slopes(t: float, width: int, slopes: Floats) -> None:
+def fill_spline_slopes(t: float, width: int, slopes: Floats) -> None:
     """Fill ``slopes`` (width,) with the derivatives at ``t`` of the splines of degree width - 1 on a cell."""
     T = POLYNOMIALS[width - 2, 0, 1, 1]
     for i in range(width):
@@ -103,8 +103,11 @@ def spline_slopes(t: float, width: int, slopes: Floats) -> None:
 
 
 @inlined
-def gather(unknowns: Ints, u: Floats, of_patch: Floats) -> None:
-    """Fill ``of_patch`` (channels w,) with the entries of ``u`` (n, channels) at ``unknowns`` (w,), by channel."""
+def gather_coefficients(unknowns: Ints, u: Floats, of_patch: Floats) -> None:
+    """Fill ``of_patch`` (channels w,) with the coefficients in ``u`` (n, channels) that a patch reads, by channel.
+
+    The splines are evaluated with them at its samples; ``unknowns`` (w,) are their numbers.
+    """
     width = len(unknowns)
     for channel in range(u.shape[1]):
         for place in range(width):
@@ -132,10 +135,10 @@ def add_load(
     X, Y, Z = np.empty(along), np.empty(along), np.ones(depth)
     values, sums = np.empty(width), np.zeros((channels, width))
     for q in range(len(places)):
-        spline_values(PLACE_UNIT * places[q, 0] + 0.5, along, X)
-        spline_values(PLACE_UNIT * places[q, 1] + 0.5, along, Y)
+        fill_spline_values(PLACE_UNIT * places[q, 0] + 0.5, along, X)
+        fill_spline_values(PLACE_UNIT * places[q, 1] + 0.5, along, Y)
         if depth > 1:
-            spline_values(PLACE_UNIT * places[q, 2] + 0.5, depth, Z)
+            fill_spline_values(PLACE_UNIT * places[q, 2] + 0.5, depth, Z)
         at = np.uint64(0)  # unsigned, so that no index is tested for its sign
         for i in range(along):
             for j in range(along):
@@ -171,11 +174,11 @@ def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: An
         p = patch[q]
         if p != last:
             last = p
-            gather(unknowns[p], u, of_patch)
-        spline_values(PLACE_UNIT * places[q, 0] + 0.5, along, X)
-        spline_values(PLACE_UNIT * places[q, 1] + 0.5, along, Y)
+            gather_coefficients(unknowns[p], u, of_patch)
+        fill_spline_values(PLACE_UNIT * places[q, 0] + 0.5, along, X)
+        fill_spline_values(PLACE_UNIT * places[q, 1] + 0.5, along, Y)
         if depth > 1:
-            spline_values(PLACE_UNIT * places[q, 2] + 0.5, depth, Z)
+            fill_spline_values(PLACE_UNIT * places[q, 2] + 0.5, depth, Z)
         at = np.uint64(0)
         for channel in range(channels):
             total = 0.0
@@ -200,8 +203,8 @@ def splines_by_place(place: Any, along: int, depth: int, values: Floats, steps: 
     """
     for axis in range(3 if depth > 1 else 2):
         t = PLACE_UNIT * place[axis] + 0.5
-        spline_values(t, along, values[axis])
-        spline_slopes(t, along, steps[axis])
+        fill_spline_values(t, along, values[axis])
+        fill_spline_slopes(t, along, steps[axis])
 
 
 @inlined
@@ -242,7 +245,7 @@ def read_slopes(
         p = patch[q]
         if p != last:
             last = p
-            gather(unknowns[p], u, of_patch)
+            gather_coefficients(unknowns[p], u, of_patch)
         splines_by_place(places[q], along, depth, values, steps)
         decode_normals(directions[q], normals)
         at = np.uint64(0)  # unsigned, so that no index is tested for its sign

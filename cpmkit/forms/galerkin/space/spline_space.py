@@ -69,7 +69,7 @@ def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> csr_array:
     entries = values[:, 0]
     for axis in range(1, dof_map.dim):
         entries = _outer(entries, values[:, axis])
-    return _rows(dof_map, patch, entries)
+    return _patch_rows(dof_map, patch, entries)
 
 
 def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Floats) -> csr_array:
@@ -85,7 +85,7 @@ def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Fl
     for axis in range(1, dof_map.dim):
         entries = _outer(entries, values[:, axis]) + _outer(products, slopes[:, axis])
         products = _outer(products, values[:, axis])
-    return _rows(dof_map, patch, entries)
+    return _patch_rows(dof_map, patch, entries)
 
 
 def _local(dof_map: DofMap, patch: Ints, points: Floats) -> Floats:
@@ -98,7 +98,7 @@ def _outer(first: Floats, second: Floats) -> Floats:
     return (first[:, :, None] * second[:, None, :]).reshape(len(first), first.shape[1] * second.shape[1])
 
 
-def _rows(dof_map: DofMap, patch: Ints, entries: Floats) -> csr_array:
+def _patch_rows(dof_map: DofMap, patch: Ints, entries: Floats) -> csr_array:
     """Return the matrix (k, n) with ``entries`` (k, w) in the columns of the unknowns that the patches (k,) read."""
     from scipy.sparse import csr_array
 
@@ -162,7 +162,7 @@ class SplineSpace:
 
 def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SplineSpace:
     """Return the spline space with the unknowns of ``dof_map`` and its ``samples``, quantised if they are not yet."""
-    from cpmkit.forms.galerkin.space.pattern_kernels import next_neighbours, pattern, runs_of
+    from cpmkit.forms.galerkin.space.pattern_kernels import next_neighbours, runs_of, sparsity_pattern
     from cpmkit.runtime.index_sets import inverse_index
 
     samples = QuantisedSamples.of(samples, dof_map) if isinstance(samples, Samples) else samples
@@ -184,7 +184,7 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> 
     short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # isolated pieces have one unknown all along
     indptr = np.zeros(n + 1, dtype=np.int32 if len(places) * width < 2**31 else np.int64)
     run_table = inverse_index(runs.ravel(), n)
-    indices = pattern(dof_map.unknowns, starts, places, runs, *run_table, indptr)
+    indices = sparsity_pattern(dof_map.unknowns, starts, places, runs, *run_table, indptr)
     return SplineSpace(dof_map, samples, heaviest, runs, short_runs, indptr, indices)
 
 
