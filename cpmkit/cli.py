@@ -14,17 +14,17 @@ from cpmkit.commands.applications import distance, map_to_target, paint, vectors
 from cpmkit.commands.group import (
     CommandGroup,
     accuracy_options,
-    as_shown,
-    how_fine,
     json_option,
     output_option,
     print_outcome,
     progress_callback,
     scene_argument,
+    spacing_and_options,
     spacing_option,
     traceback_option,
     warn,
     with_error,
+    with_look,
 )
 from cpmkit.commands.study import study
 
@@ -173,10 +173,10 @@ def solve(
     with collected_warnings() as issued, progress_callback(scene, quiet) as progress:
         try:
             loaded = load_scene(scene)
-            folder, request = output or loaded.output.folder, as_shown(loaded.output, field, look, estimate)
+            folder, request = output or loaded.output.folder, with_look(loaded.output, field, look, estimate)
             check_request(request, loaded.scene.surface, folder, solution_channels(loaded.scene))
             target = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
-            spacing, options = how_fine(loaded, spacing, **target, degree=degree)
+            spacing, options = spacing_and_options(loaded, spacing, **target, degree=degree)
             if backend != "cpm":
                 options = {"backend": backend, **for_any_backend(options, backend)}
             options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
@@ -216,7 +216,7 @@ def explain(scene: Path, spacing: float | None, dry_run: bool, rehearse: bool, s
     with collected_warnings() as issued, progress_callback(scene) as progress:
         try:
             loaded = load_scene(scene)
-            spacing, options = how_fine(loaded, spacing or loaded.spacing)
+            spacing, options = spacing_and_options(loaded, spacing or loaded.spacing)
             options |= {"dry_run": dry_run or rehearse, "seconds": seconds}
             explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **options)
         except Exception:

@@ -107,7 +107,7 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
 
 
 def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], scene: Scene) -> Solution:
-    """Return the solution in a file, with the scene discretised again.
+    """Return the solution with the ``arrays`` and ``summary`` of a file, on the scene discretised again.
 
     Raises InputError if the file is damaged, belongs to another scene, or is from a back end without a lattice.
     """

@@ -42,7 +42,7 @@ class InstalledKind:
 
 @cache
 def manager() -> pluggy.PluginManager:
-    """Return the plugin manager of the process."""
+    """Return the plugin manager of the process, which calls the hooks of registered plugins."""
     made = pluggy.PluginManager("cpmkit")
     made.add_hookspecs(hookspecs)
     return made
@@ -79,10 +79,7 @@ def _unknown_kind_message(kind: str) -> str:
 def load(kind: str) -> Any:
     """Import, register and return the plugin that offers ``kind``.
 
-    Raises
-    ------
-    PluginError
-        If no installed distribution declares the kind, or its plugin does not import.
+    Raises PluginError if no installed distribution declares the kind, or its plugin does not import.
     """
     point = _entry_point(kind)
     try:
@@ -99,10 +96,7 @@ def load(kind: str) -> Any:
 def _entry_point(kind: str) -> EntryPoint:
     """Return the entry point of ``kind``; the metadata are read at the first use of the kind only.
 
-    Raises
-    ------
-    PluginError
-        If no installed distribution declares the kind.
+    Raises PluginError if no installed distribution declares the kind.
     """
     for point in entry_points(group=KINDS_GROUP, name=kind):
         return point
@@ -112,10 +106,7 @@ def _entry_point(kind: str) -> EntryPoint:
 def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
     """Return the factory of ``kind`` that its plugin returns from the hook named ``hook``.
 
-    Raises
-    ------
-    PluginError
-        If the kind is unknown, or the plugin does not return it from this hook.
+    Raises PluginError if the kind is unknown, or the plugin does not return it from this hook.
     """
     plugin = load(kind)
     others = [other for other in manager().get_plugins() if other is not plugin]
@@ -129,10 +120,7 @@ def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
 def any_factory(kind: str) -> tuple[str, Callable[..., Any]]:
     """Return the name of the first hook from which a plugin returns ``kind``, and the factory of the kind.
 
-    Raises
-    ------
-    PluginError
-        If the kind is unknown, or the plugin returns it from no hook.
+    Raises PluginError if the kind is unknown, or the plugin returns it from no hook.
     """
     load(kind)
     for hook in FACTORY_HOOKS:
@@ -142,14 +130,10 @@ def any_factory(kind: str) -> tuple[str, Callable[..., Any]]:
 
 
 def call(make: Callable[..., Product], label: str, table: Mapping[str, Any]) -> Product:
-    """Return ``make(**table)``, after a check of the keys of the table and of the types of their values.
+    """Return ``make(**table)`` for a table of a scene file, after a check of its keys and of the types of their values.
 
-    ``label`` is the name of the table in messages.
-
-    Raises
-    ------
-    SceneError
-        If a key is unknown, a required key is missing, or a value does not have its declared plain type.
+    ``label`` is the name of the table in messages. Raises SceneError if a key is unknown, a required key is missing, or
+    a value does not have its declared plain type.
     """
     check_keys(make, label, table)
     accepted = _accepted_parameters(make)
@@ -161,18 +145,15 @@ def call(make: Callable[..., Product], label: str, table: Mapping[str, Any]) -> 
 
 
 def check_keys(make: Callable[..., Any], label: str, keys: Iterable[str], further_keys: Sequence[str] = ()) -> None:
-    """Raise if one of ``keys`` is neither a parameter of a factory nor among ``further_keys``.
+    """Check that ``keys`` of the table ``label`` are parameters of the factory ``make`` or among ``further_keys``.
 
-    Raises
-    ------
-    SceneError
-        For the first such key, with the accepted keys and a suggestion; ``label`` is the name of the table.
+    Raises SceneError for the first other key, with the accepted keys and a suggestion.
     """
     check_accepted(label, sorted(keys), (*further_keys, *_accepted_parameters(make)))
 
 
 def check_accepted(label: str, keys: Iterable[str], accepted: Sequence[str]) -> None:
-    """Raise SceneError if one of ``keys`` is not ``accepted``, as :func:`check_keys` does."""
+    """Check that ``keys`` of the table ``label`` are ``accepted``; raise SceneError for the first other key."""
     unknown = next((key for key in keys if key not in accepted), None)
     if unknown is not None:
         raise SceneError(
@@ -188,7 +169,7 @@ def _accepted_parameters(make: Callable[..., Any]) -> dict[str, inspect.Paramete
 
 
 def takes(make: Callable[..., Any], key: str) -> bool:
-    """Return True if ``key`` is the name of a parameter of a factory."""
+    """Return whether the factory ``make`` has a parameter of the name ``key``."""
     return key in inspect.signature(make).parameters
 
 

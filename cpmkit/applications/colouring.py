@@ -58,7 +58,8 @@ class ArcLengthShare:
     def _pieces(self) -> tuple[Any, Floats, Floats, Floats, Floats]:
         """Short pieces of the curves, in the direction of each.
 
-        A search tree of their middles, starts, ends (p, d), arc lengths at starts (p,), lengths of their curves (p,).
+        They are a search tree of their middles, their starts (p, d) and ends (p, d), the arc lengths (p,) at the starts
+        and the lengths (p,) of their curves.
         Raises InputError if the source is no curve with a mesh, or branches.
         """
         from scipy.spatial import cKDTree
@@ -103,9 +104,9 @@ class Ramp:
 
 
 def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
-    """Return the Dirichlet datum with three channels for the colours of a side; ``label`` names them in errors.
+    """Return the Dirichlet datum with three channels for the colours of a side of a curve.
 
-    Raises InputError if the colours are not accepted.
+    Rows of colours are placed by ``along``. Raises InputError, which names the colours as ``label``, for other input.
     """
     if callable(colours):
 

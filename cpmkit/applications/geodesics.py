@@ -44,7 +44,7 @@ PRESCRIBED_SPACINGS = 3.0
 
 
 def transport_solver(prepared: Prepared) -> Prepared:
-    """Return the prepared scene for transport: solves to a larger residual, with one preconditioner for all rounds."""
+    """Return the prepared scene for transport: solves to a larger residual, one preconditioner for all rounds."""
     solver = prepared.solver
     if solver.solver_tolerance is None:
         prepared = prepared.solved_by(solver.solver, solver_tolerance=DISTANCE_RESIDUAL, **solver.further)
@@ -59,12 +59,12 @@ def transport_distance(
     sign: Floats | float = 1.0,
     guess: Solution | None = None,
 ) -> Solution:
-    """Solve -e Lap phi + sign X . grad phi = sign - e div X, with phi = ``target`` (p,) where it is ``prescribed``.
+    """Return the solution phi of -e Lap phi + sign X . grad phi = sign - e div X, the distance after a transport.
 
     ``prepared``: the manifold, as :func:`transport_solver` returns it.
-    ``field``: X, unit vectors (p, d) along which phi grows.
-    ``prescribed`` (p,): points at which the target is prescribed.
-    ``target`` (p,): the distance there.
+    ``field``: the unit vectors X (p, d) along which phi grows.
+    ``prescribed`` (p,): the points at which phi is prescribed, by a penalty.
+    ``target`` (p,): the values of phi there.
     ``sign`` (p,): sign of phi: it is transported along X where it is positive, and against X where it is negative.
     ``guess``: initial guess of iterative solvers.
     """
@@ -103,7 +103,8 @@ class Distance(Measured):
     def evaluate(self, points: Any) -> Floats:
         """Return the distance (n,), zero or above, at the points of the manifold nearest to ``points`` (n, d).
 
-        Within two spacings of an origin it is the straight distance; on pieces without an origin it is infinite.
+        Within two spacings of an origin it is the straight distance, except on the far side of a thin part; on pieces
+        without an origin it is infinite.
         """
         surface, h = self.solution.scene.surface, self.solution.spacing
         at = as_points(points, surface.dim)
@@ -237,7 +238,10 @@ def _measure(prepared: Prepared, origins: Origins, rounds: int) -> Distance:
 
 
 def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, points: Floats) -> tuple[Floats, Bools]:
-    """Return straight distances (p,) from origins, infinite on other pieces, and which pieces (count,) have one."""
+    """Return the straight distances (p,) of ``points`` (p, d) from origins, and which pieces (count,) have an origin.
+
+    A distance is infinite where the nearest origin lies on another piece.
+    """
     form = prepared.discretized
     straight, _, number = origins.closest(points)
     places, owner = origins.samples(form.spacing)
@@ -249,9 +253,9 @@ def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, point
 def _distance_by_heat(
     prepared: Prepared, origins: Origins, straight: Floats, pieces: Pieces
 ) -> tuple[ck.Field, Solution]:
-    """Return X (p, d), the unit directions away from the origins, and the distance by the heat method.
+    """Return the field X (p, d) of unit vectors away from the origins, and the distance by the heat method.
 
-    A constant is added to the distance on each piece so that it is the straight distance beside the origins.
+    A constant is added to the distance on each piece so that it is the ``straight`` distance (p,) beside the origins.
     """
     field = heat_directions(prepared, origins, pieces)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))

@@ -46,10 +46,11 @@ def implicit_flow(
     rest: float,
     covering: float,
 ) -> tuple[Solution, list[float], bool]:
-    """Take implicit steps, short ones first, until the energy is at rest.
+    """Return the map that implicit steps reach, the energies at first and after each step, and whether it is at rest.
 
-    A step that raises the energy or tears the map is repeated with half its length. Where conditions
-    are prescribed, the first step is never repeated, since the initial map need not satisfy them.
+    Short steps come first. A step that raises the energy or tears the map is repeated with half its length; where
+    conditions are prescribed, the first step is never repeated, since the initial map need not satisfy them. The flow
+    ends with a warning where a step would lower the energy below ``covering``, which no map that covers it has.
 
     ``prepared``: the manifold with landmarks as boundaries.
     ``target``: the manifold of the images.
@@ -58,11 +59,6 @@ def implicit_flow(
     ``most_steps``: limit of the number of steps.
     ``rest``: relative change of the energy below which the flow is at rest.
     ``covering``: area that the initial map covers; 0 if unknown.
-
-    Returns
-    -------
-    Solution, list of float, bool
-        The map, the energies of the initial map and after each step, and whether the flow is at rest.
     """
     points = prepared.field(start).projected().project(target)
     state = _State(points, np.zeros_like(start), points.energy())
@@ -108,7 +104,7 @@ def _step(prepared: Prepared, target: ClosestPointSource, state: _State, step: f
 
 
 def _tangential(target: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
-    """Return the tangential parts of ``vectors`` (p, k) at points of the target, by differences of closest points."""
+    """Return the tangential parts (p, k) of ``vectors`` (p, k) at points of the target, by finite differences."""
     step = 1e-4 * float(np.ptp(target.bounds, axis=0).max())
     longest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
     if longest == 0.0:
@@ -121,11 +117,11 @@ def _tangential(target: ClosestPointSource, points: Floats, vectors: Floats) -> 
 def explicit_flow(
     prepared: Prepared, target: ClosestPointSource, start: Floats, step: float | None, most_steps: int, rest: float
 ) -> tuple[Solution, list[float], bool]:
-    """Take the explicit steps u_next = cp(u + step Lap u) of King et al. (2024), eq. 24, until the energy is at rest.
+    """Return the map, the energies and whether it is at rest by explicit steps of King et al. (2024), eq. 24.
 
-    Arguments and results are those of :func:`implicit_flow`. Stable steps are at most a sixth of the spacing squared.
-    The energy is integrated after each 50 steps, and its mean decrease per step is compared with ``rest``. Raises
-    InputError if the form is not ``collocation``, or the step too long.
+    A step is u_next = cp(u + step Lap u), stable up to a sixth of the spacing squared. Arguments and results are those
+    of :func:`implicit_flow`, but the energy is integrated only after each 50 steps, and its mean decrease per step is
+    compared with ``rest``. Raises InputError if the form is not ``collocation``, or the step too long.
     """
     h = prepared.discretized.spacing
     step = 0.1 * h * h if step is None else positive(step, "step")
@@ -149,7 +145,7 @@ def explicit_flow(
 
 
 def _energy(solution: Solution) -> float:
-    """Return the Dirichlet energy, the integral of |grad u|^2 / 2 over all channels."""
+    """Return the Dirichlet energy of a map, the integral of |grad u|^2 / 2 summed over its channels."""
     integral = solution.integrate(lambda points, _: 0.5 * (solution.gradient(points) ** 2).sum(axis=(1, 2)))
     return float(np.sum(integral))
 
@@ -157,10 +153,10 @@ def _energy(solution: Solution) -> float:
 def degree_and_area(
     surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
 ) -> tuple[int, float]:
-    """Return the degree of a map, the signed area of a surface's images over the target's area, and that area.
+    """Return the degree of a map ``images`` between closed surfaces, and the area of the target.
 
-    Raises InputError if one of the surfaces has no closed oriented mesh. Raises ResolutionError if the quotient is no
-    whole number.
+    The degree is the signed area of the images over the area of the target. Raises InputError if one of the surfaces
+    has no closed oriented mesh. Raises ResolutionError if the quotient is no whole number.
     """
     from scipy.spatial import cKDTree
 

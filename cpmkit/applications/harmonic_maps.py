@@ -41,7 +41,7 @@ class SurfaceMap(Result):
     target : ClosestPointSource
         The manifold of the images.
     energy : (steps + 1,) float64
-        Integrals of ``|grad u|^2 / 2`` of the initial map and after each step.
+        Integrals of ``|grad u|^2 / 2`` of the initial map and after each step, or after each 50 explicit steps.
     at_rest : bool
         Whether the last step changed the energy by less than ``rest``.
     """
@@ -63,6 +63,8 @@ class SurfaceMap(Result):
         ------
         InputError
             If one of the surfaces is not closed or has no mesh.
+        ResolutionError
+            If the covered area is no multiple of the target's: the spacing is too large.
         """
         return degree_and_area(self.solution.scene.surface, self.target, self.evaluate, self.solution.spacing)[0]
 
@@ -205,7 +207,10 @@ def _initially_covered_area(prepared: Prepared, target: ClosestPointSource, init
 
 
 def _initial_images(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floats:
-    """Return the images (p, k), on the target, of the points of a prepared scene; raise InputError for other maps."""
+    """Return the images (p, k), on the target, of a prepared scene's points by the map ``initial``.
+
+    Raises InputError if it is neither ``nearest``, for a target in the same space, nor a function of points.
+    """
     if callable(initial):
         return prepared.field(initial).project(target).columns
     if str(initial) != "nearest":
@@ -216,7 +221,10 @@ def _initial_images(prepared: Prepared, target: ClosestPointSource, initial: Any
 
 
 def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[Any, Any]]) -> ck.Scene:
-    """Return the scene of the flow, with landmarks as boundaries; raise InputError if landmarks are not accepted."""
+    """Return the scene of the flow to a harmonic map, with landmarks as boundaries that prescribe their images.
+
+    Raises InputError if the landmarks are not accepted, or the target is neither a curve nor a surface.
+    """
     problem = ck.ScreenedPoisson([0.0] * target.dim)
     scene = scene_of(surface)
     if target.manifold_dim not in (1, 2):

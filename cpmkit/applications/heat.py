@@ -24,17 +24,16 @@ from cpmkit.types import Bools, Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class Origins:
-    """Points (k, d) of a manifold, and curves in it."""
+    """Origins of a distance: points of a manifold, and curves in it."""
 
     surface: ClosestPointSource  #: The manifold.
     points: Floats  #: (k, d): points of the manifold.
     curves: Sequence[ClosestPointSource]  #: Curves in the manifold.
 
     def closest(self, points: Floats) -> tuple[Floats, Floats, Ints]:
-        """Return the distances (n,) of ``points`` (n, d) from the nearest origins, the places, and the numbers (n,).
+        """Return straight distances (n,) of ``points`` (n, d) from origins, the nearest points (n, d) and numbers (n,).
 
-        Distances are straight, and the places (n, d) are the points of the origins that are nearest to ``points``.
-        Origins that are points are numbered first, then curves.
+        The numbers are those of the nearest origins: first come the origins that are points, then curves.
         """
         count = len(self.points)
         best, number = np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
@@ -112,7 +111,7 @@ def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
 
 
 def _are_vertices(numbers: Any, surface: ClosestPointSource) -> bool:
-    """Return whether whole numbers are those of vertices: on a mesh always, elsewhere unless they are d, a point."""
+    """Return whether ``numbers`` are whole numbers of vertices; d of them are a point if a surface has no vertices."""
     try:
         array = np.asarray(numbers)
     except ValueError:  # rows of different lengths
@@ -123,14 +122,17 @@ def _are_vertices(numbers: Any, surface: ClosestPointSource) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """The connected pieces of a prepared manifold with barriers."""
+    """The connected pieces of a prepared manifold with barriers; distances are infinite on those without an origin."""
 
     count: int  #: Number of pieces.
     of_unknown: Ints  #: (n,): the number of the piece of each unknown.
     of_point: Ints  #: (p,): the number of the piece of each point of the prepared scene.
 
     def numbers_at(self, form: Discretized, points: Floats) -> Ints:
-        """Return the numbers (k,) of the pieces to which ``points`` (k, d) belong."""
+        """Return the numbers (k,) of the pieces that contain ``points`` (k, d).
+
+        The points are origins of a distance, or points of the manifold at which it is read.
+        """
         if self.count == 1 or not len(points):
             return np.zeros(len(points), dtype=np.int64)
         numbers: Ints = np.rint(form.rows(points) @ self.of_unknown.astype(np.float64)).astype(np.int64)
@@ -162,18 +164,18 @@ NOISE_SHARE = 1e-9
 
 
 def scene_of(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
-    """Return the scene of a source, with the equation Laplace; a scene, or that of a prepared scene, as it is."""
+    """Return the scene of an application's ``surface``: for a source a scene with the equation Laplace."""
     if isinstance(surface, Prepared):
         return surface.scene
     return surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Laplace())
 
 
 def prepare_manifold(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
-    """Return the prepared scene of a source or a scene, whose boundaries are barriers, or a prepared scene itself.
+    """Return a source or a scene, whose boundaries are barriers, prepared for solves; a prepared scene as it is.
 
     Raises InputError if a boundary is no barrier, or a spacing or options are given beside a prepared scene.
     """
-    scene = barriers(surface)
+    scene = barrier_scene(surface)
     if not isinstance(surface, Prepared):
         prepared: Prepared = ck.prepare(scene, spacing, **{"form": "galerkin", **options})
         return prepared
@@ -182,8 +184,8 @@ def prepare_manifold(surface: Any, spacing: float | None, options: dict[str, Any
     return surface
 
 
-def barriers(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
-    """Return the scene of a manifold with its barriers and with f = 0.
+def barrier_scene(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
+    """Return the scene of a manifold whose boundaries are barriers, with the equation Poisson and f = 0.
 
     Raises InputError if a condition of a boundary or the edge is not of the kind Neumann.
     """
@@ -198,18 +200,17 @@ def barriers(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
 
 
 def heat_solver(prepared: Prepared) -> Prepared:
-    """Return the prepared scene with the solver of the heat step: direct, without noise, up to 60,000 unknowns."""
+    """Return the prepared scene with the solver of heat: direct, without noise, but unchanged above 60,000 unknowns."""
     if prepared.discretized.size > 60_000:
         return prepared
     return prepared.solved_by("direct", solver_tolerance=DISTANCE_RESIDUAL)
 
 
 def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None = None) -> ck.Field:
-    """Return the unit vectors (p, d) in which heat flows away from the origins.
+    """Return the field (p, d) of the unit vectors in which heat flows away from the origins.
 
     They are zero at the few points where heat underflows, and on those of the ``pieces`` that have no origin. Raises
-    SceneError if no heat arrives at some points: of a piece with an origin, or of any piece if ``pieces`` are not
-    given.
+    SceneError if no heat arrives at other points, of a piece with an origin or, without ``pieces``, of any piece.
     """
     h, heated = prepared.discretized.spacing, heat_solver(prepared)
     share, time = 0.0 if heated is not prepared else NOISE_SHARE, HEAT_TIME * h * h
@@ -234,7 +235,7 @@ def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None 
 
 
 def check_warmed(cold: Bools, surface: ClosestPointSource) -> None:
-    """Raise if heat does not reach all points of a manifold.
+    """Check that heat reaches all points of a manifold.
 
     Raises SceneError if any point is ``cold`` (p,); the message has their number.
     """
@@ -248,20 +249,15 @@ def check_warmed(cold: Bools, surface: ClosestPointSource) -> None:
 def vector_heat_directions(
     prepared: Prepared, coupling: ck.Field, source: ck.PointSource, shortest: float
 ) -> tuple[Floats, Solution]:
-    """Return the directions of vectors that diffuse from points, each after the shortest time in which heat arrives.
+    """Return the unit vectors (p, 3) of the heat of vectors at points, and the solution with the same on its splines.
 
-    Raises SceneError if no vector arrives somewhere.
+    Each is the direction after the shortest time in which heat arrives. Raises SceneError if none arrives somewhere.
 
     ``prepared``: a surface.
     ``coupling``: the coefficient that keeps vectors tangential, see :func:`tangential_coupling`.
     ``source``: vectors at points.
     ``shortest``: the shortest time, over the spacing squared. Where only noise has arrived, four times that time, and
         so on.
-
-    Returns
-    -------
-    (p, 3) float64, Solution
-        Unit vectors at the points of ``prepared``, and the same on its splines.
     """
     h = prepared.discretized.spacing
     heated = prepared.solved_by("jacobi", solver_tolerance=1e-12)  # well below NOISE_SHARE

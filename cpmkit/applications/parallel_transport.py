@@ -232,7 +232,7 @@ def logarithmic_map(
 def _transport(
     prepared: Prepared, coupling: ck.Field, at: Floats, vectors: Floats, lengths: Floats
 ) -> TransportedField:
-    """Return the transport of ``vectors`` (k, 3) with ``lengths`` (k,) from the points ``at`` (k, 3) to everywhere.
+    """Return the parallel transport of ``vectors`` (k, 3) with ``lengths`` (k,) from ``at`` (k, 3) to everywhere.
 
     The time of the heat of vectors is twice the spacing squared: with 16, directions are half as exact on Spot; with 1,
     they are a tenth more exact there, and less exact on a sphere. Lengths are averaged over four spacings, the root of

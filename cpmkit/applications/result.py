@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.heat import barriers, prepare_manifold
+from cpmkit.applications.heat import barrier_scene, prepare_manifold
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
 from cpmkit.preparing import Prepared
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ColouredSolution(Solution):
-    """A solution that is drawn with other colours."""
+    """A solution that is drawn in colours of an application."""
 
     mesh: Any = field(kw_only=True)  #: DisplayMesh: the display mesh with the colours as values.
 
@@ -50,7 +50,7 @@ TRIANGLES = np.array([[0, 1, 8], [8, 1, 7], [1, 2, 7], [7, 2, 6], [3, 4, 5]])
 
 
 def spread_points(points: Floats, distance: float) -> Ints:
-    """Return the indices of randomly chosen points, no two of which are nearer to each other than ``distance``."""
+    """Return the indices (k,) of some ``points`` (n, d), at which arrows are drawn, no two within ``distance``."""
     from scipy.spatial import cKDTree
 
     neighbours = cKDTree(points).query_ball_point(points, distance)
@@ -65,9 +65,10 @@ def spread_points(points: Floats, distance: float) -> Ints:
 def with_arrows(
     solution: ColouredSolution, centres: Floats, directions: Floats, length: float, colour: Any
 ) -> ColouredSolution:
-    """Return ``solution`` with arrows of one ``colour`` (3,) added to its display mesh, on both sides of the surface.
+    """Return ``solution`` with arrows of one ``length`` and ``colour`` (3,) in its display mesh, on both sides of it.
 
-    Each corner is projected on the surface and then moved off it along the normal.
+    Arrows have ``centres`` (m, 3) and unit ``directions`` (m, 3). Each corner is projected on the surface and then
+    moved off it along the normal.
     """
     surface, mesh = solution.scene.surface, solution.mesh
     normals = ck.normals_at(surface, centres)
@@ -160,7 +161,7 @@ class Measured(Result):
         return self.solution.estimated or ck.estimate_error_by(self.recompute, self.solution, order=1.0)
 
     def gradient(self, points: Any) -> Floats:
-        """Return the tangential gradient (n, d), of length one except at ridges, ends and gaps."""
+        """Return the tangential gradient (n, d) at ``points`` (n, d), of length one except at ridges, ends and gaps."""
         gradient: Floats = self.solution.gradient(points)
         return gradient
 
@@ -171,13 +172,13 @@ MeasuredResult = TypeVar("MeasuredResult", bound=Measured)
 def measure_to_target(
     surface: Any, spacing: float | None, options: dict[str, Any], measure: Callable[[Prepared], MeasuredResult]
 ) -> MeasuredResult:
-    """Compute a quantity at a spacing, or at the spacing that reaches the accuracy target, and return the result.
+    """Return the result of ``measure`` at a spacing, or at the spacing that reaches the accuracy target.
 
     Raises CpmkitError if an option is not accepted, or ``measure`` raises it.
 
     ``surface``, ClosestPointSource, Scene or Prepared: the manifold.
     ``spacing``: spacing of the lattice.
-    ``options``, dict: options of :func:`cpmkit.prepare`; or ``tolerance``, ``norm``, ``seconds``, ``memory`` in place
+    ``options``: options of :func:`cpmkit.prepare`; or ``tolerance``, ``norm``, ``seconds``, ``memory`` in place
         of a spacing.
     ``measure``: computes the quantity on a prepared scene.
     """
@@ -190,7 +191,7 @@ def measure_to_target(
         others = {name: value for name, value in every.items() if name not in ("spacing", "origin")}
         others |= {"form": prepared.discretized.form}
     else:
-        scene, others = barriers(surface), {name: value for name, value in options.items() if name not in target}
+        scene, others = barrier_scene(surface), {name: value for name, value in options.items() if name not in target}
 
     def recompute(spacing: float, origin: Any) -> Solution:
         last[:] = [measure(prepare_manifold(scene, spacing, {"origin": origin, **others}))]
@@ -217,7 +218,7 @@ def unpack_pair(pair: Any, words: str) -> tuple[Any, Any]:
 
 
 def count_rounds(method: Any, rounds: Any) -> int:
-    """Return the number of rounds of transport by a method of distances, none by ``heat``; raise InputError else."""
+    """Return the number of rounds of transport of a distance, 0 by ``heat``; raise InputError for other arguments."""
     return whole(rounds, "rounds", 1, 100) if one_of(method, ("transport", "heat"), "method") == "transport" else 0
 
 

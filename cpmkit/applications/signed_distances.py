@@ -153,7 +153,7 @@ def _mean_on_curves(phi: Solution, samples: Sequence[BoundaryPoints]) -> float:
 
 
 def _gradient_directions(prepared: Prepared, curves: Origins, samples: Sequence[BoundaryPoints]) -> ck.Field:
-    """Return X (p, 3), the unit directions in which the distance grows, from heat of the curves' conormals."""
+    """Return the field X (p, 3) of unit vectors along which the distance grows, from heat of the curves' conormals."""
     h = prepared.discretized.spacing
     strength = np.concatenate([curve.weights[:, None] / h * curve.conormals for curve in samples])
     source = ck.PointSource(np.concatenate([curve.points for curve in samples]), strength)
@@ -166,7 +166,7 @@ def _gradient_directions(prepared: Prepared, curves: Origins, samples: Sequence[
 
 
 def _signed_straight_distance(curves: Origins, points: Floats) -> tuple[Floats, Floats]:
-    """Return straight distances (p,) of points (p, 3) from curves, and signed ones, NaN where an end is nearest."""
+    """Return straight distances (p,) of points from curves, and signed ones (p,), NaN where an end is nearest."""
     straight, places, number = curves.closest(points)
     signed = np.full(len(points), np.nan)
     for k, curve in enumerate(curves.curves):

@@ -100,10 +100,10 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Float
 
 
 def _transport_angle(planes: Floats, first: Floats, second: Floats, corner: int) -> Floats:
-    """Return the angle (f,) in the next corner's plane of the first axis of a corner's plane after transport there.
+    """Return the angle (f,) of the first axis at a ``corner`` of each triangle after its transport to the next corner.
 
-    ``planes`` (f, 3, 3) are the normals at the corners, ``first`` and ``second`` (f, 3, 3) the axes of their tangent
-    planes.
+    It is measured from the first axis there. ``planes`` (f, 3, 3) are the normals at the corners, ``first`` and
+    ``second`` (f, 3, 3) the axes of their tangent planes.
     """
     after = (corner + 1) % 3
     n, m, axis = planes[:, corner], planes[:, after], first[:, corner]
@@ -116,7 +116,7 @@ def _transport_angle(planes: Floats, first: Floats, second: Floats, corner: int)
 
 
 def _wrap(angles: Floats) -> Floats:
-    """Return angles modulo 2 pi, between -pi and pi."""
+    """Return angles modulo 2 pi, from -pi up to pi."""
     return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -250,13 +250,16 @@ def vector_field(
 
 
 def check_surface(surface: ClosestPointSource) -> None:
-    """Raise unless a manifold is a surface in space. Raises InputError if the manifold is no surface in space."""
+    """Check that a manifold can have a field of tangential vectors; raise InputError if it is no surface in space."""
     if surface.dim != 3 or surface.manifold_dim != 2:
         raise InputError("fields of tangential vectors are made on surfaces in space.")
 
 
 def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.Boundary]:
-    """Return the boundaries with the directions of ``pair`` (place, directions); raise InputError if it is no pair."""
+    """Return the boundaries that prescribe the directions of a ``pair`` (place, directions).
+
+    Raises InputError if it is no such pair, or a direction is zero or normal to the surface.
+    """
     where, which = unpack_pair(pair, "directions are pairs (where, which)")
     if getattr(where, "manifold_dim", 0):  # a curve
         name = f"direction {number}"
@@ -275,7 +278,10 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
 
 
 def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:
-    """Return a function of points (k, 3) of a curve: the unit directions (k, 3) there; raise InputError for others."""
+    """Return a function that maps points (k, 3) of a curve to unit directions (k, 3).
+
+    Raises InputError if ``which`` is neither the name of a direction, a vector (3,) nor a function of points.
+    """
     if isinstance(which, str):
         named = {"tangent": (0, 1.0), "backwards": (0, -1.0), "left": (1, 1.0), "right": (1, -1.0)}
         if which not in named:

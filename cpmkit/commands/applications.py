@@ -13,18 +13,18 @@ import click
 
 from cpmkit.commands.group import (
     accuracy_options,
-    as_shown,
     combine,
-    how_fine,
     json_option,
     output_option,
     print_outcome,
     progress_callback,
     scene_argument,
+    spacing_and_options,
     spacing_option,
     traceback_option,
     warn,
     with_error,
+    with_look,
 )
 
 if TYPE_CHECKING:
@@ -92,9 +92,9 @@ def run_application(
         begun = time.perf_counter()
         try:
             loaded: Any = load_scene(scene) if command == "distance" else load_application(scene, command)
-            folder, request = output or loaded.output.folder, as_shown(loaded.output, None, look, None)
+            folder, request = output or loaded.output.folder, with_look(loaded.output, None, look, None)
             check_request(request, loaded.scene.surface, folder, 1 if command == "distance" else None)
-            decided, options = how_fine(loaded, spacing, **accuracy)
+            decided, options = spacing_and_options(loaded, spacing, **accuracy)
             options |= {"surface": loaded.scene, "spacing": decided, "progress": progress}
             result = solve(options | getattr(loaded, "arguments", {}), request.wants_error)
         except Exception:

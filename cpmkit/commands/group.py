@@ -189,7 +189,7 @@ output_option = click.option(
 
 
 def combine(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
-    """Return a decorator that adds several options, in the order in which help lists them."""
+    """Return a decorator that adds several options to a command, in the order in which help lists them."""
 
     def add(command: Command) -> Command:
         for option in reversed(options):
@@ -234,7 +234,7 @@ accuracy_options = combine(
 
 
 def warn(sentences: Iterable[str], err: bool = False) -> None:
-    """Print each sentence as a warning, to standard error if ``err``."""
+    """Print each of ``sentences`` as a warning, to standard error if ``err``."""
     for sentence in sentences:
         click.echo(f"warning    {sentence}", err=err)
 
@@ -248,7 +248,7 @@ def print_outcome(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Print a summary and warnings: as JSON, which includes the warnings, as lines, or only warnings if ``quiet``.
+    """Print the outcome of a command: the summary as JSON, or lines and ``warnings``, or only these if ``quiet``.
 
     The lines are ``head``, seconds, the error and the solves that reached the accuracy target, ``lines``, and files.
     """
@@ -268,11 +268,10 @@ def print_outcome(
     warn(warnings, err=quiet)
 
 
-def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:
+def spacing_and_options(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:
     """Return the spacing, None with an accuracy target in its place, and the options of ``solve``.
 
-    ``target`` has the accuracy target of the command line, which takes precedence over the scene file, as ``spacing``
-    does.
+    ``spacing`` and the accuracy ``target`` of the command line take precedence over those of the scene file.
     """
     from cpmkit.forms.options import AccuracyTarget
     from cpmkit.runtime.options import declared_options
@@ -289,7 +288,8 @@ def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[f
 def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> Solution:
     """Return a solution with an error estimate if ``wanted``, or by default if it is drawn or the solve took long.
 
-    By default an error that cannot be estimated is left out, so that the solution is not lost.
+    An error that cannot be estimated is left out by default, so that the solution is not lost; if ``wanted``, the
+    CpmkitError is raised.
     """
     from dataclasses import replace
 
@@ -307,7 +307,7 @@ def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> 
         return solution
 
 
-def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], estimate: bool | None) -> OutputRequest:
+def with_look(request: OutputRequest, field: str | None, look: Sequence[str], estimate: bool | None) -> OutputRequest:
     """Return the requested output with the picture changed to ``field`` and to ``look`` (KEY=VALUE each), if given.
 
     Raises InputError if there is no picture, it shows an error that is not to be estimated, or a key or value is not

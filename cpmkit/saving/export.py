@@ -52,7 +52,7 @@ def save(
     ``.ply``  its triangles and all its vertices, with a property ``u`` (of several channels ``u0``, ``u1``, ...) and a
               colour per vertex: the three channels, or the first in viridis
     ``.obj``  its vertices, each with a colour, triangles and lines
-    ``.csv``  one line per vertex: ``x,y,z,u``
+    ``.csv``  a line of names, then one line per vertex: ``x,y,z,u``, in the plane ``x,y,u``
     ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh and, where it was
               estimated, ``error``, the lattice and its unknowns under names that begin with
               ``lattice_``, and ``summary`` and ``format``; :func:`cpmkit.load` reads it
@@ -77,9 +77,9 @@ def save(
     Raises
     ------
     InputError
-        If the suffix is not accepted, the surface has no mesh, or the file cannot be written.
+        If the suffix or an option is not accepted, the surface has no mesh, or the file cannot be written.
     MissingDependencyError
-        If the format needs pyvista or imageio and that is not installed.
+        If the format needs pyvista, imageio or matplotlib, which draws colours, and that is not installed.
     """
     path = Path(path)
     check_file(path, solution.scene.surface, vertices)
@@ -108,7 +108,7 @@ def save(
 
 
 def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "display") -> None:
-    """Raise, before anything is solved, if a solution on ``surface`` cannot be saved as ``path``.
+    """Check before anything is solved that solutions on ``surface`` can be saved as ``path``.
 
     Raises InputError or MissingDependencyError if :func:`save` would raise it for every solution on the surface.
     """
@@ -134,7 +134,7 @@ def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "d
 
 
 def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
-    """Write a mapping of plain values as indented JSON, whole or not at all."""
+    """Write the summary of a solution, plain values, as indented JSON; raise InputError if it cannot be written."""
     with written_whole(Path(path)) as unfinished:
         unfinished.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
@@ -152,12 +152,12 @@ def _save_npz(solution: SolutionRecord, path: Path) -> None:
 
 
 def _known_error(solution: SolutionRecord) -> Floats | None:
-    """Return the estimated error (v, channels) at the mesh's vertices; None if it was not estimated."""
+    """Return the estimated error (v, channels) at the display mesh's vertices; None if it was not estimated."""
     return solution.estimated.on_mesh(solution.display_mesh()) if solution.estimated else None
 
 
 def save_series(solution: SolutionRecord, path: Path) -> None:
-    """Write the index ``path`` and, in the folder ``<name>_frames`` beside it, one .vtp file per frame.
+    """Write the frames of a problem in time: a .pvd index ``path``, and .vtp files in ``<name>_frames`` beside it.
 
     All frames are written before the first one is moved to its place, and the index is written last, so that all files
     of an index exist. Surplus frames of an earlier series are removed. Raises InputError if the solution has no frames,
@@ -192,12 +192,12 @@ def save_series(solution: SolutionRecord, path: Path) -> None:
 
 
 def frames_folder(path: Path) -> Path:
-    """Return the folder of frames beside the index ``path``."""
+    """Return the folder ``<name>_frames`` of the frames beside their .pvd index ``path``."""
     return path.with_name(path.stem + "_frames")
 
 
 def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
-    """Draw the frames into ``<name>-0000.png`` and so on, with one colour bar, and return the paths.
+    """Draw the frames of a problem in time into ``<name>-0000.png``, ..., with one colour bar, and return the paths.
 
     Raises InputError if the solution has no frames.
     """

@@ -79,7 +79,7 @@ def write_csv(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 
 def write_npz(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> None:
-    """Write an .npz file with arrays ``points``, ``cells`` and ``values``."""
+    """Write a mesh as an .npz file with the arrays ``points``, ``cells`` and ``values``."""
     np.savez_compressed(path, points=mesh.points, cells=mesh.cells, values=mesh.values)
 
 
@@ -95,7 +95,7 @@ MESH_WRITERS: dict[str, Callable[[DisplayMesh, Path, Floats | None], None]] = {
 
 
 def value_columns(mesh: DisplayMesh, error: Floats | None = None) -> dict[str, Floats]:
-    """Return the columns (v,) of the values by name, ``u`` or ``u0``, ``u1``, ..., and of ``error`` likewise."""
+    """Return the columns (v,) of a mesh's values by name, ``u`` or ``u0``, ``u1``, ..., and of ``error`` likewise."""
     named = {"u": mesh.values} | ({} if error is None else {"error": error})
     return {
         name if array.shape[1] == 1 else f"{name}{channel}": array[:, channel]
@@ -146,9 +146,9 @@ def poly_data(mesh: DisplayMesh, error: Floats | None = None) -> Any:
 
 
 def _by_vtk(writer: Any, data: Any) -> bytes:
-    """Return the bytes of the file that a ``writer`` of VTK makes of ``data``.
+    """Return the contents of the file that a ``writer`` of VTK makes of ``data``.
 
-    VTK does not write the file itself, since it would leave half a file on a full disk without an error.
+    VTK itself would leave half a file on a full disk without an error.
     """
     writer.SetInputData(data)
     writer.SetDataModeToBinary()
@@ -158,12 +158,12 @@ def _by_vtk(writer: Any, data: Any) -> bytes:
 
 
 def to_pyvista(solution: SolutionRecord, vertices: str = "display") -> Any:
-    """Return the mesh as a ``pyvista.PolyData`` with point data ``u``; see :func:`poly_data`."""
+    """Return a solution's mesh as a ``pyvista.PolyData`` with point data ``u``; see :func:`poly_data`."""
     return poly_data(_mesh(solution, vertices))
 
 
 def to_trimesh(solution: SolutionRecord, vertices: str = "display") -> Any:
-    """Return a ``trimesh.Trimesh`` with vertex attributes ``u``, of several channels ``u0``, ..., and colours."""
+    """Return a solution's mesh as a ``trimesh.Trimesh`` with colours and attributes ``u``, or ``u0``, ``u1``, ..."""
     trimesh, mesh = _library_and_mesh("trimesh", solution, vertices)
     made = trimesh.Trimesh(in_space(mesh.points), mesh.triangles, process=False)
     made.visual.vertex_colors = as_bytes(colours_of(mesh))
@@ -172,7 +172,7 @@ def to_trimesh(solution: SolutionRecord, vertices: str = "display") -> Any:
 
 
 def to_meshio(solution: SolutionRecord, vertices: str = "display") -> Any:
-    """Return a ``meshio.Mesh`` of all cells with point data ``u``."""
+    """Return a solution's mesh, with all its cells, as a ``meshio.Mesh`` with point data ``u``."""
     meshio, mesh = _library_and_mesh("meshio", solution, vertices)
     parts = {"triangle": mesh.triangles, "line": mesh.segments, "vertex": mesh.dots[:, None]}
     cells = [(kind, part) for kind, part in parts.items() if len(part)]
@@ -181,7 +181,7 @@ def to_meshio(solution: SolutionRecord, vertices: str = "display") -> Any:
 
 
 def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str = "display") -> Any:
-    """Register the mesh and its values with polyscope, and return polyscope's mesh; ``polyscope.show()`` draws it."""
+    """Register a solution's mesh with polyscope, and return polyscope's mesh; ``polyscope.show()`` draws it."""
     polyscope, mesh = _library_and_mesh("polyscope", solution, vertices)
     polyscope.init()
     made = polyscope.register_surface_mesh(name, in_space(mesh.points), mesh.triangles)
@@ -193,15 +193,15 @@ def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str
 
 
 def _mesh(solution: SolutionRecord, vertices: str) -> DisplayMesh:
-    """Return the display mesh, or the mesh that the surface was made from if ``vertices`` is ``own``."""
+    """Return a solution's display mesh, or the mesh that its surface was made from if ``vertices`` is ``own``."""
     check_one_of(vertices, VERTICES, "vertices")
     return own_mesh(solution) if vertices == "own" else solution.display_mesh()
 
 
 def _library_and_mesh(name: str, solution: SolutionRecord, vertices: str) -> tuple[Any, DisplayMesh]:
-    """Return the module of a library and the mesh of :func:`_mesh`; raise if the library cannot take the mesh.
+    """Return the module of the library ``name`` and the mesh of :func:`_mesh` that is handed to it.
 
-    Raises MissingDependencyError if the library is not installed. Raises InputError if the mesh has no triangles, which
+    Raises MissingDependencyError if the library is not installed, and InputError if the mesh has no triangles, which
     all but meshio need.
     """
     try:
@@ -215,7 +215,7 @@ def _library_and_mesh(name: str, solution: SolutionRecord, vertices: str) -> tup
 
 
 def own_mesh(solution: SolutionRecord) -> DisplayMesh:
-    """Return the mesh that the surface was made from, as it was given, with the solution at its vertices."""
+    """Return the mesh that the surface was made from, with the solution at its vertices; raise InputError if none."""
     vertices, cells = given_mesh_of(solution.scene.surface)
     values = solution.at_vertices(None).reshape(len(vertices), -1)
     return DisplayMesh(vertices, cells, values, None, len(vertices))

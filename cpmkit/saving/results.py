@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class WrittenResults:
-    """The outcome of writing results."""
+    """The outcome of writing the files that [output] of a scene file requests."""
 
     #: Summary of the solution, with the keys ``folder``, ``files`` (those written), ``unwritten`` (reasons of others),
     #: ``picture`` (its file and the description of its camera), and the seconds of writing.
@@ -37,7 +37,7 @@ class WrittenResults:
     failures: Mapping[str, Exception]
 
     def check(self) -> None:
-        """Raise if a file could not be written.
+        """Check that all files were written.
 
         Raises InputError if a file is missing; the message names the missing files with reasons, and the written files.
         An exception that is a defect of cpmkit is raised unchanged.
@@ -56,12 +56,10 @@ class WrittenResults:
 def check_request(
     request: OutputRequest, surface: ClosestPointSource, folder: Path, channels: int | None = None
 ) -> None:
-    """Raise, before anything is solved, if a requested file cannot be written into ``folder``.
+    """Check before anything is solved that the requested files and the picture can be written into ``folder``.
 
-    Raises InputError or MissingDependencyError if a file or the picture cannot be made of a solution on ``surface``, or
-    cannot be written there.
-
-    ``channels``: number of channels of the solution, if it is known; a picture of another channel is refused.
+    ``channels`` is the number of channels of the solution if it is known; a picture of another channel is refused.
+    Raises InputError or MissingDependencyError if a file cannot be made of a solution on ``surface``, or be written.
     """
     for file in request.files:
         check_file(file, surface, _vertices_of(file, request))
@@ -151,7 +149,7 @@ def _collecting_failures(failures: dict[str, Exception], file: str) -> Iterator[
 
 
 def _sentence(file: Path, error: Exception) -> str:
-    """Return the sentence that explains why a file could not be written."""
+    """Return the sentence that explains why a file could not be written because of ``error``."""
     if isinstance(error, MemoryError):
         return f"{file} cannot be written: memory ran out."
     return str(error) if isinstance(error, CpmkitError) else f"{file} cannot be written: {type(error).__name__}."

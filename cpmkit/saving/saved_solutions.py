@@ -52,7 +52,7 @@ ANY_TABLE = table_of(ANYTHING)
 
 
 def _is_boundary(table: Any) -> bool:
-    """Return whether a value is a table of texts, none empty, with a name."""
+    """Return whether a value describes a boundary of a saved scene: a table of texts, none empty, with a name."""
     texts = ANY_TABLE.accepts(table) and "name" in table
     return texts and all(isinstance(text, str) and text for text in table.values())
 
@@ -72,10 +72,9 @@ SCENE_KEYS = {
 
 
 def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the arrays and the summary of a file that cpmkit wrote, with all arrays of the lattice or none.
+    """Return the arrays and the summary of a solution saved as .npz, with all arrays of the lattice or none.
 
-    Raises InputError if there is no such file, it is damaged or of another format, or an array is not of the expected
-    kind.
+    Raises InputError if there is no such file, it is of another format, or an array or the summary is damaged.
     """
     try:
         exists = path.is_file()
@@ -116,10 +115,10 @@ def other_scene_error(path: Path, differs: str) -> InputError:
 
 
 def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None:
-    """Raise if a scene's equation, boundaries or edge differ from the ``saved`` ones, as far as these are plain values.
+    """Check that a scene's equation, boundaries and edge are those ``saved``, as far as they are plain values.
 
-    Of files from before the edge was saved, only the kinds of conditions are compared. Raises InputError if they
-    differ; the message has the first difference.
+    Of files from before the edge was saved, only the kinds of equation and conditions are compared. Raises InputError
+    with the first difference.
     """
     described = json.loads(json.dumps(describe_scene(scene)))
     if "edge" not in saved:
@@ -130,7 +129,7 @@ def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None
 
 
 def _difference(place: str, saved: Any, described: Any) -> str:
-    """Return the place of the first difference of two plain values, and both values, in words."""
+    """Return the sentence on the first difference of two plain values: its place and both values."""
     if type(saved) is type(described) is dict and saved.keys() == described.keys():
         key = next(key for key in saved if saved[key] != described[key])
         return _difference(f"{place}, {key}", saved[key], described[key])
@@ -141,7 +140,7 @@ def _difference(place: str, saved: Any, described: Any) -> str:
 
 
 def _kinds(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the equation's kind, and the names of the boundaries with the kinds of their conditions."""
+    """Return of a scene in plain values only the equation's kind, and boundaries with the kinds of their conditions."""
     kinds = [
         [boundary["name"], *(boundary[side].split()[0] for side in SIDES if side in boundary)]
         for boundary in scene["boundaries"]

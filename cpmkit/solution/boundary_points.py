@@ -26,12 +26,11 @@ from cpmkit.types import Bools, Floats, Ints
 def join_at_corners(
     runs: Sequence[Ints], closed: Sequence[bool], points: Floats, tangents: Floats, weights: Floats
 ) -> tuple[list[Ints], tuple[bool, ...]]:
-    """Join runs of points that meet at corners, and return the joined runs and which of them are closed.
+    """Return the runs of a boundary's points, joined where one begins where another ends, and whether each is closed.
 
-    The sides of a polyline that turns by a right angle are separate runs, whose ends coincide. Where three ends meet,
-    or an end is equally near to two others, nothing is joined. A run has the indices (k,) of ``points`` (n, d) in order
-    along a curve, with ``tangents`` (n, d) in its direction and the lengths of curve ``weights`` (n,) that they
-    represent, half of it on either side.
+    The sides of a polyline that turns by a right angle are separate runs, whose ends coincide. Where three or more ends
+    meet, nothing is joined. A run has the indices (k,) of ``points`` (n, d) in order along a curve, with ``tangents``
+    (n, d) in its direction. ``weights`` (n,) are the lengths of curve that points represent, half on either side.
     """
     opened = [run for run, is_closed in zip(runs, closed, strict=True) if not is_closed]
     if not opened:
@@ -50,7 +49,7 @@ def join_at_corners(
 
 
 def _join_runs(opened: Sequence[Ints], follows: Bools, others: Sequence[Ints]) -> tuple[list[Ints], tuple[bool, ...]]:
-    """Return the closed runs ``others`` and then the joined open runs, and which of them are closed.
+    """Return the closed runs ``others`` followed by the joined runs of ``opened``, and whether each is closed.
 
     ``follows`` (i, j) is whether open run j begins where open run i ends.
     """
@@ -125,7 +124,7 @@ class BoundaryPoints:
         Raises
         ------
         InputError
-            If there is no such curve, or the boundary consists of points.
+            If there is no such curve, the boundary consists of points, or ``count`` is not above zero.
         """
         count = whole(count, "count", 1, 10_000_000)
         if not 0 <= curve < len(self.closed) or not self.source.manifold_dim:
@@ -195,10 +194,10 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
 def directions_along(
     source: ClosestPointSource, surface: ClosestPointSource
 ) -> Callable[[Floats], tuple[Floats, Floats]]:
-    """Return a function of points (k, d) of a boundary: the unit tangents (k, d) and the left conormals (k, d) there.
+    """Return a function that maps points (k, d) of a boundary to its unit tangents (k, d) and left conormals (k, d).
 
-    The directions are those of :class:`BoundaryPoints`. Where the sources have no directions of their own, they are
-    differences of closest points with a step of a thousandth of the surface's size.
+    They are those of :class:`BoundaryPoints`; where the sources provide none, they are differences of closest points
+    with a step of a thousandth of the surface's size. Raises SceneError if the boundary does not lie in the surface.
     """
     oriented, step = _oriented(source, surface), STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
     return lambda points: _directions(oriented, np.asarray(points, dtype=np.float64), step)
@@ -216,7 +215,10 @@ def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
 
 
 def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> OrientedBoundary:
-    """Return the boundary ``source`` of ``surface`` with its sides; raise SceneError if they do not belong together."""
+    """Return the boundary ``source`` of ``surface`` with its orientation.
+
+    Raises SceneError if the boundary is neither points nor curves, or does not lie in the surface.
+    """
     if (source.manifold_dim or 0) > 1:
         raise SceneError(f"points are distributed along curves, got a boundary of dimension {source.manifold_dim}.")
     boundary = Boundary("boundary", source, both=Neumann())
@@ -225,9 +227,9 @@ def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> Orient
 
 
 def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tuple[Floats, Floats]:
-    """Return unit tangents and left conormals (k, d) at points (k, d) of a boundary; zero where undefined.
+    """Return unit tangents (k, d) and left conormals (k, d) at points (k, d) of a boundary; zero where undefined.
 
-    ``step`` is that of differences of closest points where the sources have no directions.
+    ``step`` is the step of the finite differences that replace directions which the sources do not provide.
     """
     if not oriented.has_sides:
         return np.zeros_like(points), np.zeros_like(points)

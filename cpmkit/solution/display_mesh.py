@@ -48,7 +48,7 @@ class DisplayMesh:
         Number of vertices of the surface's own mesh, which come first.
     sides : (v, boundaries) int64, optional
         1 where a vertex lies on a boundary and has the left value, -1 where it has the right value, 0 off the
-        boundary. ``None`` where nothing was cut.
+        boundary. ``None`` for a mesh that was not cut by :func:`display_mesh`.
     """
 
     points: Floats
@@ -75,7 +75,7 @@ class DisplayMesh:
 
 
 def display_mesh(solution: SolutionRecord) -> DisplayMesh:
-    """Return the surface's mesh, refined to the grid and cut along every boundary, with the solution at its vertices.
+    """Return the surface's mesh, refined and cut along every boundary, with the solution at its vertices.
 
     Raises InputError if the surface has no mesh.
     """
@@ -117,9 +117,10 @@ def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats
 
 
 def plane_normals(points: Floats) -> Floats:
-    """Return unit normals (p, 3), of arbitrary sign, of the planes fitted to the nine nearest of points (p, 3).
+    """Return unit normals (p, 3), of arbitrary sign, of a point cloud ``points`` (p, 3), by which it is shaded.
 
-    They are zero where the neighbours are too few or lie on a line.
+    Each is normal to the plane fitted to a point and its eight nearest neighbours, or to all points if there are fewer;
+    it is zero where these lie on a line, or there are fewer than three.
     """
     from scipy.spatial import cKDTree
 
@@ -132,9 +133,9 @@ def plane_normals(points: Floats) -> Floats:
 
 
 def evaluate_on_sides(solution: SolutionRecord, points: Floats, sides: Ints) -> Floats:
-    """Return the solution (n, channels) at points (n, d), on each boundary from a given side.
+    """Return the solution (n, channels) at ``points`` (n, d), where a point on a boundary is read from a given side.
 
-    ``sides`` (n, boundaries) is 1 for the left and -1 for the right side of a boundary, and 0 off it.
+    ``sides`` (n, boundaries) is 1 for the left and -1 for the right side of a boundary, and 0 off the boundary.
     """
     values = np.empty((len(points), solution.channels))
     boundaries = solution.scene.boundaries
@@ -182,7 +183,10 @@ def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
 
 
 def values_at_vertices(solution: SolutionRecord, side: Sides) -> Floats:
-    """Return a solution at the vertices that its surface was made from; see :meth:`SolutionRecord.at_vertices`."""
+    """Return a solution (n,) or (n, channels) at the vertices from which the user made its surface.
+
+    A vertex farther than half a spacing from the surface has NaN; see :meth:`SolutionRecord.at_vertices`.
+    """
     surface = solution.scene.surface
     vertices, _ = given_mesh_of(surface)
     rows = np.flatnonzero(np.isfinite(vertices).all(axis=1))

@@ -16,9 +16,9 @@ from cpmkit.types import Floats
 
 
 def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
-    """Raise, before the first time step, if the available memory cannot hold the frames.
+    """Check before the first time step that the memory can hold the solutions (unknowns, channels) of all ``frames``.
 
-    Raises ResolutionError if it cannot; the message names a number of frames that fits.
+    Raises ResolutionError if it cannot; the message names the number of frames that it can hold.
     """
     frame_bytes, available = 2 * 8 * unknowns * channels, available_bytes()  # two copies while they are saved
     if frames * frame_bytes > available:
@@ -41,7 +41,7 @@ class EvolvedRecord(SolutionRecord):
     energy : (channels,) float64, optional
         For a wave in a form with symmetric operators: kinetic and elastic energy, minus the work of the load.
     frames : tuple of EvolvedSolution
-        The solutions at the times in ``frames`` of the equation, in order; they share all tables.
+        The solutions at the times in ``frames`` of the equation, in order; they share the discretised scene.
     """
 
     time: float = field(kw_only=True)
@@ -67,7 +67,7 @@ class EvolvedRecord(SolutionRecord):
         return [replace(mesh, values=np.ascontiguousarray(part)) for part in parts]
 
     def summary(self) -> dict[str, Any]:
-        """Return the problem, its cost and its result as plain values."""
+        """Return the summary that every solution has, with the time, the scheme and the integrals of frames."""
         problem: Any = self.scene.problem
         summary: dict[str, Any] = {"time": self.time, "steps": self.steps}
         if problem.family == "time":
@@ -98,7 +98,7 @@ class EvolvedRecord(SolutionRecord):
 
 
 def frames_of(solution: SolutionRecord, label: str) -> tuple[EvolvedRecord, ...]:
-    """Return the frames of a solution; ``label`` names their use in the error.
+    """Return the frames of a solution, its values at earlier times; ``label`` names their use in the error.
 
     Raises InputError if the solution has none.
     """

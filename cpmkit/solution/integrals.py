@@ -53,7 +53,7 @@ def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | N
 
 
 def _one_or_each(total: Floats) -> float | Floats:
-    """Return a total (channels,) as a float if it has one channel, else as it is."""
+    """Return an integral (channels,) as a float if it has one channel, else unchanged."""
     return float(total[0]) if len(total) == 1 else total
 
 
@@ -66,7 +66,10 @@ def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
 
 
 def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
-    """Return the dimension of the parts to integrate over; raise InputError if ``dim`` is needed or not among them."""
+    """Return the dimension of the parts of a manifold over which is integrated.
+
+    Raises InputError if ``dim`` is None and the parts have several dimensions, or no part has the dimension ``dim``.
+    """
     dimensions = member_dimensions(surface)
     if dim is None and len(dimensions) > 1:
         raise InputError(
@@ -115,10 +118,10 @@ BEYOND_RIM_SPACINGS = 0.25
 
 
 def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> tuple[Floats, Floats]:
-    """Return quadrature points (n, d) on ``surface`` along a boundary, and weights (n,).
+    """Return quadrature points (n, d) on ``surface`` along the boundary ``source``, and weights (n,).
 
-    Weights are lengths or areas; 1 for points. If ``source`` has a mesh, the rule is that of its curved cells, else it
-    has closest points of lattice nodes.
+    Weights are lengths or areas. If ``source`` has a mesh, the rule is that of its curved cells, and points have
+    weight 1; else the quadrature points are closest points of lattice nodes around the boundary.
     """
     dim = source.manifold_dim or 0
     if not isinstance(source, HasMesh):
@@ -137,10 +140,11 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
 def _from_bump(
     source: ClosestPointSource, surface: ClosestPointSource, spacing: float, dim: int
 ) -> tuple[Floats, Floats]:
-    """Return a quadrature rule over nodes of a lattice: ``int_C f ds = int f(cp_C(x)) bump(|x - cp_C(x)|) dx``.
+    """Return quadrature points (n, d) and weights (n,) on a boundary C of dimension ``dim`` that has no mesh.
 
-    The bump has integral 1 over the normal space. It is even, so that curvature changes the measure to second order in
-    the width at most. Nodes beyond the ends of an open curve are left out.
+    They come from nodes of a lattice around C: ``int_C f ds = int f(cp_C(x)) bump(|x - cp_C(x)|) dx``. The bump has
+    integral 1 over the normal space. It is even, so that curvature changes the measure to second order in the width
+    at most. Nodes beyond the ends of an open curve are left out.
     """
     local = localize(source, np.zeros(source.dim))
     cells = surface_cells(local, spacing, 3)
@@ -199,13 +203,13 @@ def _rim_of_triangles(
 
 
 def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, points: Any) -> Floats:
-    """Return du/db (n,) or (n, channels); see :meth:`SolutionRecord.flux_density`."""
+    """Return du/db (n,) or (n, channels) at points of a boundary; see :meth:`SolutionRecord.flux_density`."""
     density = solution.discretized.conormal_derivative(solution.values, points, boundary, _check_side(boundary, side))
     return density[:, 0] if solution.channels == 1 else density
 
 
 def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> float | Floats:
-    """Return the integral of du/db; see :meth:`SolutionRecord.flux`."""
+    """Return the integral of du/db over a side of a boundary or an edge; see :meth:`SolutionRecord.flux`."""
     scene, form = solution.scene, solution.discretized
     names = [boundary.name for boundary in scene.boundaries]
     if boundary not in names and (boundary == "edge" or isinstance(boundary, int)):
@@ -227,7 +231,7 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
 
 
 def _check_side(boundary: str, side: Side | None) -> Side:
-    """Return ``side``; raise InputError if it is None."""
+    """Return the side of a boundary at which a flux is requested; raise InputError if it is None."""
     if side is None:
         raise InputError(f"side of {boundary!r} must be 'left' or 'right': a flux leaves one side, got None.")
     return side

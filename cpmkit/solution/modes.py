@@ -45,11 +45,11 @@ class EigenRecord(SolutionRecord):
         return [f"\N{GREEK SMALL LETTER LAMDA} = {value if abs(value) > zero else 0:.4g}" for value in self.eigenvalues]
 
     def arrays(self) -> dict[str, Any]:
-        """Return the lattice, the nodes, the values and the eigenvalues as plain arrays."""
+        """Return the arrays that every solution has, from which it is rebuilt, and the eigenvalues."""
         return {**super().arrays(), "eigenvalues": self.eigenvalues}
 
     def summary(self) -> dict[str, Any]:
-        """Return the problem, its cost and its result as plain values."""
+        """Return the summary that every solution has, with the eigenvalues and their residuals."""
         return {**super().summary(), "eigenvalues": self.eigenvalues.tolist(), "residuals": self.residuals.tolist()}
 
     def __repr__(self) -> str:
@@ -72,14 +72,12 @@ def with_further_modes(scene: Scene) -> Scene:
 def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tuple[Floats, Floats]:
     """Return the differences of the eigenvalues (count,) and of the eigenfunctions (n, count) of two solutions.
 
-    The difference of an eigenvalue is infinite if the coarse solution does not recover its mode: half of the mean
-    square of the function or more is outside of the functions of the coarse solution.
+    Each eigenfunction of ``fine`` is approximated by least squares in those of ``coarse`` at ``points`` (n, d) of the
+    scene, which also works for multiple eigenvalues, whose basis is arbitrary. Its eigenvalue is compared with the mean
+    of the coarse eigenvalues, weighted by the squares of the coefficients.
 
-    Each function of the finer solution is approximated by least squares in the functions of the coarser one, which also
-    works for multiplets, whose basis is arbitrary. Its eigenvalue is compared with the mean of the coarse eigenvalues,
-    weighted by the squares of the coefficients.
-
-    Functions are compared at ``points`` (n, d), in the scene's coordinates.
+    The difference of an eigenvalue is infinite if the coarse solution does not recover its mode: more than half of the
+    mean square of the eigenfunction is left as a remainder.
     """
     of_fine, of_coarse = (modes.evaluate(points).reshape(len(points), -1) for modes in (fine, coarse))
     weights = np.linalg.lstsq(of_coarse, of_fine, rcond=None)[0]
@@ -124,8 +122,8 @@ class Resonance:
         """Return the rms and the largest error of u that the eigenvalue's error causes, as shares of the range of u.
 
         The part in its modes is f / gap, with the relative error ``error / (|gap| - error)``; the error is the whole
-        range where the eigenvalue may be zero. The eigenvalue's error is the ``measured`` one, and at least half of the
-        estimate of the form.
+        range where the eigenvalue may be zero, and zero where the eigenvalue is more than 20 errors from zero. The
+        eigenvalue's error is ``measured``, and at least half of the estimate of the form.
         """
         error = max(measured, 0.5 * self.error)
         if abs(self.gap) <= NEAR_RESONANCE_ERRORS * error:

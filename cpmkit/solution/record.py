@@ -33,9 +33,8 @@ _user_classes: dict[type, type] = {}
 def user_class_of(record: type[SolutionRecord]) -> Callable[[UserClass], UserClass]:
     """Return a class decorator: objects of class ``record`` are then constructed as objects of the decorated class.
 
-    The decorated class is derived from ``record`` and adds saving and drawing. Families of equations construct records,
-    and cannot import it. Its docstring is continued by that of ``record``,
-    which describes the attributes.
+    The decorated class is derived from ``record`` and adds saving and drawing; families of equations construct records,
+    and cannot import it. Its docstring is continued by that of ``record``, which describes the attributes.
     """
 
     def register(user_class: UserClass) -> UserClass:
@@ -112,7 +111,7 @@ class SolutionRecord:
 
     @property
     def channels(self) -> int:
-        """Number of right-hand sides that were solved together."""
+        """Number of right-hand sides, components or modes that were solved together."""
         return int(self.values.shape[1])
 
     @property
@@ -147,7 +146,7 @@ class SolutionRecord:
         Parameters
         ----------
         points : (n, d) array, or one point (d,)
-            In the scene's coordinates, at most the tube's radius away from the manifold.
+            In the scene's coordinates, at most about three spacings away from the manifold.
         side : "left", "right", "both" or {boundary name: side}, optional
             The side from which a point on a boundary is read, by default the left. Points off the boundary are
             not affected.
@@ -210,8 +209,9 @@ class SolutionRecord:
     def gradient(self, points: Any, side: Sides = None) -> Any:
         """Return the surface gradient of the solution at the points of the manifold nearest to ``points``.
 
-        It is of second order, also on and beside boundaries and edges, where it is that of the point's own side. Where
-        two Dirichlet boundaries leave a strip of less than about seven spacings, it is of first order in the strip.
+        In the Galerkin form its order is the degree of the splines. In the collocation form it is of second order, also
+        on and beside boundaries and edges, where it is that of the point's own side; between two Dirichlet boundaries
+        that are less than about seven spacings apart it is of first order.
 
         Parameters
         ----------
@@ -227,7 +227,7 @@ class SolutionRecord:
         Raises
         ------
         InputError
-            As :meth:`evaluate` does.
+            As :meth:`evaluate` does, or if the form evaluates no gradients.
 
         Examples
         --------
@@ -267,8 +267,8 @@ class SolutionRecord:
         Raises
         ------
         InputError
-            If there is no such boundary or edge, the boundary has no sides (a point on a surface), or the surface
-            has no mesh whose rim could be followed.
+            If there is no such boundary or edge, ``side`` is missing or given for an edge, the boundary has no sides (a
+            point on a surface), or the surface has no mesh whose rim could be followed.
 
         Examples
         --------
@@ -328,8 +328,8 @@ class SolutionRecord:
         Raises
         ------
         InputError
-            If ``dim`` is needed, or, in other forms than the Galerkin form, the surface has no mesh, or one that does
-            not fill it (a cloud, a solid in space).
+            If ``dim`` is needed or is not that of a part, or, in other forms than the Galerkin form, the surface has no
+            mesh, or one that does not fill it (a cloud, a solid in space).
 
         Examples
         --------

@@ -37,7 +37,7 @@ def summarize(solution: SolutionRecord) -> dict[str, Any]:
 
 
 def describe_scene(scene: Scene) -> dict[str, Any]:
-    """Return a scene as plain values; the text ``of position`` stands for functions."""
+    """Return a scene as plain values, by which saved solutions are compared; ``of position`` stands for functions."""
     edge = scene.edge
     if isinstance(edge, Mapping):
         of_edge: Any = {str(loop): _on_loop(conditions) for loop, conditions in edge.items()}
@@ -81,7 +81,10 @@ def _arguments(term: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a datum for JSON: numbers as floats, lists by entries, a list of one entry as that entry."""
+    """Return a datum for JSON: numbers as floats, lists by entries, a list of one entry as that entry, others as text.
+
+    The text is ``of position`` for functions, else the name of the type.
+    """
     if value is None or isinstance(value, (bool, str)):
         return value
     if callable(value):
@@ -96,7 +99,7 @@ def _plain(value: Any) -> Any:
 
 
 def version_of(distribution: str) -> str | None:
-    """Return the version of a distribution, None if it is not installed."""
+    """Return the version of a Python distribution such as ``numpy``, None if it is not installed."""
     try:
         return version(distribution)
     except PackageNotFoundError:

@@ -121,7 +121,7 @@ def drop_unfinished_line(file: Path) -> None:
 
 
 def _bytes_of(file: Path) -> bytes:
-    """Return the bytes of a file, none if it does not exist; raise InputError if it cannot be read."""
+    """Return the bytes of a file of records, none if it does not exist; raise InputError if it cannot be read."""
     try:
         return file.read_bytes()
     except FileNotFoundError:
@@ -217,7 +217,7 @@ def _series_key(record: Record) -> tuple[Any, ...]:
 
 
 def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequence[Record]) -> Series:
-    """Return the series of the records with this key; ``keys`` are those of all series."""
+    """Return the series of ``records``, which have this key; ``keys`` of all series determine what its label names."""
     method, options, target = key
     fineness = f"asked_{target}" if target else "spacing"
     given = sorted({record[fineness] for record in records}, reverse=target != "seconds")
@@ -254,7 +254,7 @@ def _entry(records: Sequence[Record], target: str) -> Entry:
 def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     """Return the label of a series: the method if methods differ, and the options that differ between its series.
 
-    If none differs, the label is the order of the method, or else the method.
+    If none differs, the label is the option ``order``, or else the method. An accuracy target is named last.
     """
     (method, options, target), methods = key, {other for other, *_ in keys}
     own = [dict(other) for one, other, _ in keys if one == method]

@@ -39,10 +39,8 @@ from cpmkit.types import Bools, Floats, Ints, Progress, no_progress
 def sample_points(scene: Scene, wanted: int | str) -> Floats:
     """Return sample points (n, d) of the surface, off all boundaries, the same at every call.
 
-    Raises SceneError if vertices are requested of a surface that is no mesh.
-
-    ``wanted``: number of random points in a box around the surface, whose closest points are the samples; or the
-        vertices of a surface that is a mesh.
+    ``wanted`` is the number of random points in a box around the surface, whose closest points are the samples, or
+    ``vertices`` for those of a mesh. Raises SceneError if vertices are requested of a surface that is no mesh.
     """
     surface = scene.surface
     bounds = np.asarray(surface.bounds, dtype=np.float64)
@@ -80,8 +78,9 @@ class Reference:
 def reference_of(study: Study) -> Reference:
     """Return the reference values of a study, from its formula or from one solution of another back end.
 
-    Raises SceneError if the scene has several channels or eigenvalues, or vertices are requested of a surface that is
-    no mesh. Raises CpmkitError if the formula has no value somewhere, or the reference cannot solve the scene.
+    Raises SceneError if the scene has several channels or eigenvalues, no sample point lies off the boundaries, or
+    vertices are requested of a surface that is no mesh. Raises CpmkitError if the formula has no value somewhere, or
+    the reference cannot solve the scene.
     """
     scene = study.scene
     check_comparable(scene)
@@ -131,7 +130,7 @@ def solve_on_refined_mesh(
 
 
 def check_comparable(scene: Scene) -> None:
-    """Raise if the solution of a scene is not a single function with one channel.
+    """Check that a study can compare the solution of a scene with reference values: one function with one channel.
 
     Raises SceneError if the scene has several channels, or its solution is eigenfunctions, whose factors are arbitrary.
     """
@@ -144,18 +143,15 @@ def check_comparable(scene: Scene) -> None:
 def solve_by_fixed_nodes(
     scene: Scene, spacing: float, *, method: str, progress: Progress = no_progress, **options: Any
 ) -> Solution:
-    """Solve a scene with Dirichlet boundaries by the closest point method, with fixed values at nodes near boundaries.
+    """Return the solution of a scene by the closest point method with fixed values at the nodes near its boundaries.
 
-    Raises SceneError if the problem or a condition is of another kind, sides differ, or there is no boundary.
+    It is a solution of the scene without its boundaries, and its values include those of the fixed nodes.
 
     ``scene``: a steady problem; each boundary has the same Dirichlet condition on both sides.
-    ``method``: ``nearest`` or ``ball``.
+    ``method``: ``nearest`` or ``ball``, the method that selects the fixed nodes.
     ``spacing``, ``progress``, ``**options``: as for :func:`cpmkit.solve`.
 
-    Returns
-    -------
-    Solution
-        The solution of the scene without its boundaries; its values include those of the fixed nodes.
+    Raises SceneError if the problem or a condition is of another kind, sides differ, or there is no boundary.
     """
     check_fixable(scene, method)
     clock = [time.perf_counter()]
@@ -183,7 +179,7 @@ def solve_by_fixed_nodes(
 
 
 def check_fixable(scene: Scene, method: str) -> None:
-    """Raise if a scene cannot be solved by fixing nodes.
+    """Check that a scene can be solved by :func:`solve_by_fixed_nodes`.
 
     Raises SceneError if the problem or a condition is of another kind, sides differ, or there is no boundary.
     """
@@ -201,9 +197,9 @@ def check_fixable(scene: Scene, method: str) -> None:
 
 
 def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource], method: str) -> tuple[Bools, Floats]:
-    """Return a mask (n,) of the band's inner nodes that are fixed, and values (n, channels).
+    """Return a mask (n,) of the band's inner nodes that a method fixes near boundaries, and values (n, channels).
 
-    The value of a fixed node is the datum of the nearest boundary at its closest point; the others are zero.
+    The value of a fixed node is the Dirichlet datum of the nearest boundary at its closest point; others are zero.
     """
     layout = tables.layout
     half = 0.5 * (layout.band.degree + 1)
@@ -223,10 +219,10 @@ def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource
 
 
 def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
-    """Return a mask (n,) of the inner nodes that are the node nearest to some point of the boundary.
+    """Return a mask (n,) of the inner nodes that are the nearest node of some point of a boundary.
 
-    The points are closest points of four samples along each axis of the cells around nodes up to two spacings from the
-    boundary. ``distance`` (n,) is the distance of each inner node from the boundary.
+    The points are the closest points of a lattice four times as fine, up to two spacings from the boundary.
+    ``distance`` (n,) is the distance of each inner node from the boundary.
     """
     near = band.positions[: band.inner][distance <= 2 * band.spacing]
     steps = (np.arange(4) / 4 - 0.5) * band.spacing
@@ -242,7 +238,10 @@ def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
 def _without_fixed_nodes(
     operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats
 ) -> tuple[ExtensionOperator, Floats]:
-    """Return the operator and the right-hand side, with the columns of ``fixed`` (n,) nodes, for the other nodes."""
+    """Return the operator and the right-hand side for the nodes that are not ``fixed`` (n,), with the fixed ``values``.
+
+    The columns of the fixed nodes, times their values, are moved to the right-hand side.
+    """
     free, diagonal = np.flatnonzero(~fixed), operator.diagonal
     b = b + operator.spread(operator.extension[:, np.flatnonzero(fixed)] @ values[fixed])
     diagonal = diagonal[free] if isinstance(diagonal, np.ndarray) else diagonal

@@ -84,7 +84,7 @@ def trade_figure(series: Sequence[Series], title: str) -> Figure:
 
 
 def _figure(title: str, count: int) -> tuple[Figure, Any]:
-    """Return a figure with a title in lines of 68 characters for each of ``count`` axes side by side, and the axes."""
+    """Return a figure of ``count`` axes side by side, and the axes; lines of the title have 68 characters per axes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 5.4) if count == 1 else (5 * count, 4.8), layout="constrained")
@@ -135,7 +135,7 @@ def _spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
 
 
 def _log_scales(axes: Any) -> None:
-    """Use a logarithmic scale in each direction in which lines have positive values, and draw the grid."""
+    """Draw the grid of axes, with a logarithmic scale in each direction in which lines have positive values."""
     axes.grid(alpha=0.25)
     for name, change in (("x", axes.set_xscale), ("y", axes.set_yscale)):
         if any(np.any(np.asarray(getattr(line, f"get_{name}data")()) > 0) for line in axes.lines):
@@ -177,10 +177,8 @@ class Report:
 def write_report(folder: Path, content: str | None = None) -> Report:
     """Write a page with tables and figures of the records in ``folder``, and return the report.
 
+    ``content`` is the content hash of the study file whose records are used, by default that of the last record.
     Raises InputError if there is no such record, or no run without an error.
-
-    ``folder``: folder of the records.
-    ``content``: content hash of the study file whose records are used; by default that of the last record.
     """
     every = read_records(folder / RECORDS_FILE)
     wanted = content or (every[-1]["content"] if every else None)

@@ -46,7 +46,7 @@ from cpmkit.types import Progress, no_progress
 
 
 def check_study(study: Study) -> None:
-    """Raise if a study cannot be run: if its scene, formula, sweep or a back end is not accepted.
+    """Check that a study can be run, before its first run.
 
     Raises SceneError if the scene, the formula or the sweep is not accepted, or the scene's solution is not one
     function. Raises PluginError if a method or the reference is neither built in nor offered by a plugin.
@@ -66,7 +66,7 @@ def check_study(study: Study) -> None:
 
 
 def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
-    """Return the scene with equal time steps of at most ``step_per_spacing`` times the spacing, unchanged without one.
+    """Return the scene with equal time steps of at most ``step_per_spacing`` times ``spacing``, unchanged without both.
 
     Raises SceneError if the scene's problem has no time step.
     """
@@ -82,7 +82,8 @@ def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | No
 def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_progress) -> Record:
     """Solve the scene of a run, and return the record: parameters, errors, work and seconds.
 
-    After a ResolutionError or a ConvergenceError, the record has the parameters and the message instead.
+    After a ResolutionError or a ConvergenceError, or if the error is too large to record, the record has the parameters
+    and a message instead.
     """
     named = {"study": study.name, "title": study.title, "content": study.content}
     record: Record = {**named, "reference": study.exact.reference, **run.as_dict()}
@@ -153,7 +154,7 @@ def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
 
 
 def costs_in_memory(solution: Solution, measured: int | None) -> Record:
-    """Return the entries of a record on peak memory: bytes, ``measured`` or predicted, else None without a lattice."""
+    """Return the entries of a record on peak memory: the bytes ``measured``, else predicted, None without a lattice."""
     if measured is not None:
         return {"bytes": measured, "bytes_are": "measured"}
     options, scene = lattice_options(solution.discretized), solution.scene

@@ -30,7 +30,7 @@ from cpmkit.studies.sweep import TARGETS, Sweep, listed_options, read_sweep
 
 
 def expand_names(table: Any) -> dict[str, str]:
-    """Return the formulas of a table [let]; names of earlier formulas in a formula are replaced by their formulas.
+    """Return the formulas of a table [let] by name; a formula has those of earlier names in place of the names.
 
     Raises SceneError if [let] is no table, a name is reserved or invalid, a value is no formula, or a formula becomes
     too long.
@@ -145,7 +145,7 @@ class Study:
     def scene(self) -> Scene:
         """The scene, read at first access; if steps are tied to the spacing, with the time step of the first spacing.
 
-        A step in [problem] takes precedence. Raise SceneError if the tables are not accepted.
+        A step in [problem] takes precedence. Raises SceneError if the tables are not accepted.
         """
         tables = dict(self.tables)
         if self.sweep.step_per_spacing is not None:

@@ -55,7 +55,7 @@ def listed_of(method: str) -> tuple[str, ...]:
 
 
 def _form_options_of(method: str) -> Any:
-    """Return the class of the options of a method's form; LISTED_FORM is the form of baselines."""
+    """Return the class of the options of a method's form; baselines have those of LISTED_FORM."""
     return FORMS[lattice_methods().get(method, {}).get("form", LISTED_FORM)]
 
 
@@ -126,7 +126,7 @@ class Sweep:
             raise SceneError(str(error)) from error
 
     def _check_fineness(self) -> None:
-        """Raise a SceneError if there are neither spacings nor targets, or lists that cannot be combined."""
+        """Check the lists of spacings and targets; raise SceneError if there is none, or they exclude each other."""
         if not self._fineness():
             raise SceneError(f"[sweep] needs a list of {', '.join(FINENESS[:-1])} or {FINENESS[-1]}.")
         if self.spacings is None:
@@ -168,7 +168,7 @@ class Sweep:
         return list(dict.fromkeys(every))
 
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
-        """Yield options and the number of the lattice's position (None: the default) for each run of a method."""
+        """Yield the options and the number of the lattice's position (None: the default) of each run of a method."""
         names, form = listed_of(method), _form_options_of(method)
         checks = declared_options(form)
         accepted = [[value for value in self.lists.get(name, ()) if checks[name].accepts(value)] for name in names]

@@ -28,7 +28,7 @@ def _table(rows: Sequence[Sequence[str]], left: int) -> str:
 
 
 def _number(value: float, spec: str) -> str:
-    """Return a formatted number, an empty text for nan."""
+    """Return a number formatted by ``spec`` for a cell of a table, an empty text for nan."""
     return "" if math.isnan(value) else format(value, spec)
 
 
@@ -44,7 +44,7 @@ def orders_table(series: Sequence[Series]) -> str:
 
 
 def error_sentence(records: Sequence[Record]) -> str:
-    """Return the sentence that explains the errors of a table."""
+    """Return the sentence that explains the numbers of :func:`orders_table`."""
     origins = {record["origin"] for record in records if record["origin"] is not None}
     error = "the greatest error at any sample point"
     if origins:
@@ -149,7 +149,7 @@ class Attempt:
 
 
 def attempts(series: Sequence[Series]) -> list[Attempt]:
-    """Return every entry of all series as an attempt."""
+    """Return the entries of all series as attempts, which are compared in error and cost."""
     made = []
     for each in series:
         for entry in each.entries:
@@ -160,7 +160,10 @@ def attempts(series: Sequence[Series]) -> list[Attempt]:
 
 
 def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
-    """Return the Pareto front: the attempts that no other beats in both error and ``cost``, the cheapest first."""
+    """Return the Pareto front: the attempts with errors below those of all that cost no more, the cheapest first.
+
+    Attempts without a recorded ``cost`` are left out.
+    """
     best: list[Attempt] = []
     priced = [attempt for attempt in made if not math.isnan(getattr(attempt, cost))]
     for attempt in sorted(priced, key=lambda attempt: (getattr(attempt, cost), attempt.error)):

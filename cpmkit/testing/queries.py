@@ -70,13 +70,13 @@ class Subject:
     answers: dict[bytes, ClosestPoints] = field(default_factory=dict)
 
     def round_off(self, x: Floats) -> Floats:
-        """Return the error (n,) that rounding may cause at the queries ``x``."""
+        """Return the error (n,) that rounding may cause in the answers to queries ``x`` (n, d)."""
         largest = np.abs(x).max(axis=1) + np.abs(self.source.bounds).max() + self.size
         allowed: Floats = ROUND_OFF_SHARE * largest
         return allowed
 
     def feet(self, x: Floats) -> ClosestPoints:
-        """Return the closest points of ``x``, computed once for all laws that only read them."""
+        """Return the closest points of ``x`` (n, d), computed once for all laws that only read them."""
         key = x.tobytes()
         if key not in self.answers:
             self.answers[key] = self.source.closest_point(x.copy())
@@ -147,9 +147,10 @@ def _generate(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> N
 
 
 def symmetric_points(subject: Subject) -> Floats:
-    """Return the centre of the bounds, and the corners and middles of edges and faces of the box and of its half.
+    """Return points (n, d) at which the closest points of symmetric shapes are not unique.
 
-    On symmetric shapes closest points are not unique there.
+    They are the centre of the bounds, and the corners and middles of edges and faces of the box, of its half and of a
+    tiny box around the centre.
     """
     dim = subject.source.dim
     signs = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
@@ -231,7 +232,7 @@ def law(
 
 
 def require(condition: Any, message: str) -> None:
-    """Raise AssertionError with ``message`` unless ``condition`` is true."""
+    """Raise AssertionError with ``message`` unless the ``condition`` of a law is true."""
     if not condition:
         raise AssertionError(message)
 

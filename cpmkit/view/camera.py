@@ -29,12 +29,11 @@ class Camera:
 
 
 def fit(points: Floats, more: Floats, width: int, look: Look) -> Camera:
-    """Return the camera that shows all ``points`` (n, d), and ``more`` (k, 3), as large as ``width`` pixels allow.
+    """Return the camera that shows the model ``points`` (n, d) and ``more`` (k, 3) as large as ``width`` pixels allow.
 
-    ``points`` are the model. In the plane it is seen from above, else from ``look.view``, with ``look.up`` vertical as
-    far as the view allows. The height of the picture follows from the model.
-
-    Raises InputError if ``view`` and ``up`` of the look are parallel, or one is zero.
+    In the plane the model is seen from above, else from ``look.view``, with ``look.up`` vertical as far as the view
+    allows; by default y is up if the model stands on its lowest y, else z. The height of the picture follows from the
+    model. Raises InputError if ``view`` and ``up`` of the look are parallel, or one is zero.
     """
     if points.shape[1] == 2:
         points = np.pad(points, ((0, 0), (0, 1)))
@@ -60,10 +59,10 @@ def fit(points: Floats, more: Floats, width: int, look: Look) -> Camera:
 
 
 def stability(points: Floats, axis: int) -> float:
-    """Return the distance of the mean of points (n, 3) to the rim of their base, over their breadth.
+    """Return how stably a model ``points`` (n, 3) stands with ``axis`` up: zero or negative if it would fall over.
 
-    The base are the points in the lowest 3 percent of the height. The result is zero or negative if the points would
-    fall over with ``axis`` up.
+    It is the distance of the mean of the points from the rim of the base, over their breadth. The base is the convex
+    hull of the points in the lowest 3 percent of the height; without area the result is zero.
     """
     from scipy.spatial import ConvexHull, QhullError
 

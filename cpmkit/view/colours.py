@@ -19,7 +19,7 @@ INK = np.array((0.12, 0.12, 0.14))
 
 @dataclass(frozen=True, eq=False)
 class Bar:
-    """A colour bar."""
+    """A colour bar, which maps values to colours."""
 
     ends: Floats  #: (2,): the values at its ends.
     table: Floats  #: (256, 3): its colours, from 0 to 1.
@@ -42,7 +42,7 @@ class Bar:
 def make_bar(
     values: Floats, clim: tuple[float, float] | None = None, cmap: str = "viridis", label: str = "", unit: str = ""
 ) -> Bar:
-    """Return the colour bar from the least to the greatest of ``values``, or between ``clim``; wider if equal.
+    """Return the colour bar from the least to the greatest of ``values`` or between ``clim``, wider if these are equal.
 
     Raises InputError if matplotlib has no colour map of that name. Raises MissingDependencyError if matplotlib is not
     installed.
@@ -85,7 +85,7 @@ def bar_share(label: str) -> float:
 
 
 def model_width(width: int, bar: bool, label: str) -> int:
-    """Return the width in pixels that a colour bar leaves to the model in a picture of ``width`` pixels."""
+    """Return the width in pixels of the model in a picture of ``width`` pixels, beside a colour bar if ``bar``."""
     share = bar_share(label)
     return width - round(share * letter_size(width, share) / LETTER_SIZE) if bar else width
 
@@ -123,7 +123,7 @@ def title_strip(title: str, columns: int, width: int) -> Any:
 
 @lru_cache(maxsize=1)
 def _bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
-    """Return a colour bar with ticks and label as bytes (rows, columns, 3), in letters of this size in pixels."""
+    """Return the picture of a colour bar as bytes (rows, columns, 3), with ticks and label in letters of this size."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
@@ -138,7 +138,7 @@ def _bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
 
 
 def _figure(rows: int, columns: int) -> Any:
-    """Return an empty white figure of matplotlib with this size in pixels, which are points, the unit of letters."""
+    """Return an empty white figure of matplotlib of this size in pixels; a pixel is a point, the unit of letters."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(columns / 72, rows / 72), dpi=72, facecolor="white")

@@ -53,7 +53,7 @@ class Shapes:
 def lines(camera: Camera, segments: Floats, width: float, colour: Any, lift: float = LIFT) -> Shapes:
     """Return ``segments`` (s, 2, 3) as rectangles of one colour (3,) or of colours (s, 3), moved towards the viewer.
 
-    Half their ``width`` and the ``lift`` are shares of the picture's half width.
+    ``width``, which is half the width of a line, and the displacement ``lift`` are shares of the picture's half width.
     """
     points, triangles = ribbons(segments[:, 0], segments[:, 1], width * camera.half[0])
     colours = np.broadcast_to(np.asarray(colour, dtype=np.float64), (len(segments), 3))
@@ -61,10 +61,9 @@ def lines(camera: Camera, segments: Floats, width: float, colour: Any, lift: flo
 
 
 def ribbons(starts: Floats, ends: Floats, half_width: float) -> tuple[Floats, Ints]:
-    """Return rectangles along segments, a little longer than these, that face the viewer.
+    """Return vertices (4 s, 3) and triangles (2 s, 3) of rectangles along segments that face the viewer.
 
-    The result is vertices (4 s, 3), of which the first two of each rectangle are at its start and the others at its
-    end, and triangles (2 s, 3).
+    A rectangle is a little longer than its segment; its first two vertices are at the start, the others at the end.
     """
     along = (ends - starts)[:, :2]
     length = np.linalg.norm(along, axis=1, keepdims=True)
@@ -78,9 +77,10 @@ def ribbons(starts: Floats, ends: Floats, half_width: float) -> tuple[Floats, In
 
 
 def discs(centres: Floats, normals: Floats, radii: Floats, corners: int = DISC_CORNERS) -> tuple[Floats, Ints]:
-    """Return discs about ``centres`` (p, 3) in the camera's axes, of ``radii`` (p,): vertices and triangles.
+    """Return vertices (corners p, 3) and triangles of discs about ``centres`` (p, 3) of ``radii`` (p,).
 
-    They are normal to ``normals`` (p, 3), of unit length and any sign; with a normal of zero they face the viewer.
+    All are in the camera's axes. The discs are normal to ``normals`` (p, 3), of unit length and any sign; with a normal
+    of zero they face the viewer.
     """
     normals = np.where(normals.any(axis=1, keepdims=True), normals, np.array([0, 0, 1.0]))
     first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
@@ -97,9 +97,9 @@ def discs(centres: Floats, normals: Floats, radii: Floats, corners: int = DISC_C
 def disc_radii(points: Floats, spacing: float, least: float, alone: float) -> Floats:
     """Return radii (p,) with which discs around points (p, d) cover a surface, or a curve in the plane, without holes.
 
-    A radius is a share of the distance to the sixth neighbour, in the plane to the second, so that discs also cover
-    uneven clouds. No disc is smaller than ``least``; isolated points, farther than ten spacings from these neighbours,
-    have the radius ``alone``.
+    A radius is a share of the distance to the sixth neighbour, in the plane to the second, at most twice the median, so
+    that discs also cover uneven clouds, and at least ``least``. Isolated points, farther than ten spacings from these
+    neighbours or without so many, have the radius ``alone``.
     """
     from scipy.spatial import cKDTree
 
@@ -168,7 +168,7 @@ def in_space(points: Floats) -> Floats:
 
 
 def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int) -> tuple[Camera, Floats, Floats]:
-    """Return the camera, and what ``look`` draws over the mesh: segments (s, 2, 3) of curves, points (k, 3)."""
+    """Return the camera, and segments (s, 2, 3) and points (k, 3) of boundaries and doubled nodes over the mesh."""
     curves, pins = [np.zeros((0, 2, 3))], [np.zeros((0, 3))]
     for boundary in solution.scene.boundaries if look.curves else ():
         if isinstance(boundary.source, HasMesh):
@@ -228,7 +228,8 @@ def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar
 def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Shapes:
     """Return arrows along ``vectors`` (v, d) at vertices of the mesh, one in each cell of a grid 26 cells wide.
 
-    Short vectors have arrows of a least length, so that they are visible; the colours of ``bar`` show the lengths.
+    Short vectors have arrows of a least length, so that they are visible, and zero vectors none; arrows contrast with
+    the colours of ``bar``, which show the lengths.
     """
     cell, sizes = 2 * drawing.camera.half[0] / 26, np.linalg.norm(vectors, axis=1)
     cells, within = np.divmod(mesh.points / cell, 1)

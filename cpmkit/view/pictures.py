@@ -78,12 +78,7 @@ def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKe
 def check_picture(path: str | Path, look: Look) -> Path:
     """Return ``path`` as a Path if a picture with this look can be drawn into such a file.
 
-    Raises
-    ------
-    InputError
-        If it does not end in ``.png``, or the options of the camera or the colour map are not accepted.
-    MissingDependencyError
-        If matplotlib is not installed.
+    Raises InputError if it does not end in ``.png``, and as :func:`check_look` does.
     """
     path = Path(path)
     if path.suffix.lower() != ".png":
@@ -93,10 +88,9 @@ def check_picture(path: str | Path, look: Look) -> Path:
 
 
 def check_look(look: Look) -> None:
-    """Raise if the camera or the colour map of a look is not accepted, or matplotlib is not installed.
+    """Check that a picture can have the camera and the colour map of a look.
 
-    Raises InputError if the options of the camera or the colour map are not accepted. Raises MissingDependencyError if
-    matplotlib is not installed.
+    Raises InputError if one is not accepted, and MissingDependencyError if matplotlib is not installed.
     """
     if find_spec("matplotlib") is None:
         raise MissingDependencyError(f"Pictures need matplotlib; {install_command('view')} adds it.")
@@ -124,7 +118,7 @@ def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
 def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None, columns: int = 1) -> Drawing:
     """Return the drawing of a mesh with the lines that do not depend on values, for one of several ``columns``.
 
-    It is shaded if the look asks for it, and where colours have no bar; if it is not shaded, it has outlines.
+    It is shaded if the look asks for it, and by default if there is no colour bar; else it has outlines.
     """
     lit = look.light == "shaded" or (look.light is None and bar is None)
     width = model_width(look.width, bar is not None, bar.label if bar else "")
@@ -134,7 +128,7 @@ def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: B
 
 
 def mode_bar(mesh: DisplayMesh, look: Look) -> Bar:
-    """Return the colour bar of all modes, symmetric about zero, by default in colours for values of both signs."""
+    """Return the colour bar of all modes: by default symmetric about zero, in colours for values of both signs."""
     most = float(np.abs(mesh.values).max())
     cmap = "coolwarm" if look.cmap == Look.cmap else look.cmap
     return make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
@@ -143,7 +137,7 @@ def mode_bar(mesh: DisplayMesh, look: Look) -> Bar:
 def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
     """Return values (v, 1) at the mesh's vertices and their colour bar, or colours (v, 3) and None.
 
-    Raises InputError if there is no such channel, the channels are no vectors, or isolines of colours are requested.
+    Raises InputError as :func:`check_channels` does, and CpmkitError if a requested error cannot be estimated.
     """
     values, label, count = mesh.values, look.label, mesh.values.shape[1]
     check_channels(look, count, mesh.points.shape[1])
@@ -173,7 +167,7 @@ def shade(drawing: Drawing, mesh: DisplayMesh, values: Floats, bar: Bar | None, 
 
 
 def check_channels(look: Look, channels: int, dim: int) -> None:
-    """Raise if a solution of ``channels`` channels, in space of dimension ``dim``, cannot be drawn with this look.
+    """Check that a solution of ``channels`` channels, in space of dimension ``dim``, can be drawn with this look.
 
     Raises InputError if there is no such channel, the channels are no vectors, or isolines of colours are requested.
     """
@@ -207,7 +201,7 @@ def animate(solution: SolutionRecord, path: str | Path, fps: float = 12.0, **opt
     InputError
         If the solution has no frames, or an argument is not accepted.
     MissingDependencyError
-        If the library that writes the film is not installed.
+        If matplotlib or the library that writes the film is not installed.
     """
     look = Look.of({"width": 700, **options}, "a film", ("fps",))
     check_look(look)
@@ -220,10 +214,10 @@ def animate(solution: SolutionRecord, path: str | Path, fps: float = 12.0, **opt
 
 
 def check_film(path: Path) -> None:
-    """Raise if a film cannot be written as ``path``.
+    """Check that a film can be written as ``path``.
 
-    Raises InputError if it does not end in ``.gif`` or ``.mp4``. Raises MissingDependencyError if the library that
-    writes the film is not installed.
+    Raises InputError if it does not end in ``.gif`` or ``.mp4``, and MissingDependencyError if the library that writes
+    the film is not installed.
     """
     if path.suffix.lower() not in (".gif", ".mp4"):
         raise InputError(f"A film must be a .gif or .mp4 file, got {shown(path.name)}.")

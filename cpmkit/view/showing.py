@@ -85,7 +85,7 @@ def _fill_template(title: str, data: dict[str, Any]) -> str:
 
 
 def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
-    """Return the mesh, the (name, values) that the slider selects from, and their colour bar, None for colours."""
+    """Return the mesh, the list of (name, values) among which the slider selects, and their bar, None for colours."""
     if isinstance(solution, EigenRecord) and look.channel is None:
         mesh = solution.display_mesh()
         return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), mode_bar(mesh, look)
@@ -133,10 +133,7 @@ class Page:
 def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
     """Show a solution as a page to turn and zoom: in a notebook below the cell, else in the browser; return the page.
 
-    Raises
-    ------
-    InputError
-        If no browser can be opened; the message names the file of the page.
+    Raises InputError if no browser can be opened; the message names the file of the page.
     """
     html = page_of(solution, **options)
     shell = sys.modules.get("IPython")
