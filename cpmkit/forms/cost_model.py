@@ -13,7 +13,7 @@ import numpy as np
 from cpmkit.forms.options import Options, Own
 from cpmkit.grid.band import stencil_codes
 from cpmkit.grid.lattice import Codes, cell_levels, nodes_of_blocks
-from cpmkit.grid.spacings import check_memory
+from cpmkit.grid.spacings import check_spacing_fits
 from cpmkit.grid.stencils import base_offset
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.runtime.deprecation import DeprecatedMember
@@ -180,7 +180,7 @@ class CostModel(ABC, Generic[Own]):
         Raises ResolutionError if it does; the message has a spacing that would fit.
         """
         needed, fitting = self.peak_bytes(unknowns, solver), partial(self.fitting_spacing, solver)
-        check_memory(needed, unknowns, self.options.spacing, fitting, solver, self.smaller_solver)
+        check_spacing_fits(needed, unknowns, self.options.spacing, fitting, solver, self.smaller_solver)
 
     @abstractmethod
     def fitting_spacing(self, solver: str, available: int) -> float:

@@ -1,1 +1,1 @@
-"""The Cartesian side of the method: lattice, band, stencils, and reading a band at surface points."""
+"""The Cartesian side of the method: lattice, band, stencils, reading a band at points, and the choice of a spacing."""

@@ -62,7 +62,7 @@ class Band:
         return self.inner if self.sheets is None else self.own_inner
 
     def neighbours(self) -> tuple[Ints, Ints]:
-        """Return the pairs (k,), (k,) of inner nodes, without twins, that are neighbours along an axis."""
+        """Return the lower (k,) and the upper node (k,) of all pairs of adjacent inner nodes that are no twins."""
         nodes = np.arange(self.first_twin)
         pairs = []
         for axis in np.eye(self.dim, dtype=np.int64):
@@ -96,8 +96,8 @@ class Band:
 def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
     """Return the interpolation cells (c, d) that contain points of the manifold, and a few cells next to these.
 
-    Raises ResolutionError if the band of these cells would not fit into the machine's memory, as soon as the estimate
-    shows it.
+    Raises ResolutionError if the cells cannot be numbered, or their band would not fit into memory, as soon as the
+    estimate shows it.
     """
     manifold_dim = source.largest_dim
     for side, blocks in cell_levels(source, spacing, base_offset(degree)):
@@ -109,7 +109,7 @@ def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
 
 
 def stencil_codes(cells: Ints, codes: Codes, degree: int) -> Ints:
-    """Return the sorted codes (n,) of all nodes of the interpolation stencils of ``cells`` (c, d)."""
+    """Return the sorted codes (n,), in the numbering ``codes``, of all nodes of the stencils of ``cells`` (c, d)."""
     nodes = np.sort(codes.encode(cells))
     for axis in range(cells.shape[1]):
         nodes = codes.dilate(nodes, axis, stencil_range(degree))
@@ -125,7 +125,7 @@ def build_band(source: LocalSource, spacing: float, degree: int, progress: Progr
     Raises
     ------
     ResolutionError
-        If the band would not fit into memory.
+        If the band would not fit into memory, or the source has no point inside its bounds.
     """
     progress("band", 0.0)
     cells = surface_cells(source, spacing, degree)

@@ -45,7 +45,7 @@ class Lattice:
         return points + self.origin
 
     def rounding_warnings(self, bounds: Floats, translated: bool) -> tuple[str, ...]:
-        """Return a warning if the scene's coordinates are rounded too coarsely for the manifold, or none.
+        """Return a tuple with a warning if the scene's coordinates are rounded too coarsely for the manifold, else ().
 
         ``bounds`` (2, d): bounds of the manifold, relative to the origin.
         ``translated``: whether the source computes relative to the origin; if not, it rounds more.
@@ -155,6 +155,11 @@ def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> 
         Side of a cell.
     offset : float or (d,) float64
         Shift of the cells against the nodes, in cells.
+
+    Raises
+    ------
+    ResolutionError, InputError
+        If the cells of the source's bounds cannot be numbered.
     """
     check_numbered(source.bounds, spacing)
     cells = np.floor(source.bounds / spacing + offset).astype(np.int64)  # the first and the last along each axis
@@ -181,8 +186,8 @@ def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> 
 def check_numbered(bounds: Floats, spacing: float) -> None:
     """Raise if the cells of a box with corners ``bounds`` (2, d), relative to the lattice's origin, cannot be numbered.
 
-    Raises ResolutionError if the bounds are no finite numbers, or there would be more cells than can be numbered.
-    Raises InputError if coordinates are too large or too close together to compute with.
+    Raises ResolutionError if the bounds are not finite or not in order, or there are more cells than can be numbered.
+    Raises InputError if coordinates or the spacing are too large or too small to compute with.
     """
     if not np.isfinite(bounds).all() or (bounds[1] < bounds[0]).any():
         raise ResolutionError(

@@ -60,10 +60,10 @@ def check_band_memory(source: LocalSource, unknowns: float, spacing: float, degr
     """
     needed = unknowns * bytes_per_unknown(source.dim, degree)
     if needed > excess * memory.memory_limit().bytes:
-        check_memory(needed, unknowns, spacing, lambda available: fitting_spacing(source, degree, available))
+        check_spacing_fits(needed, unknowns, spacing, lambda available: fitting_spacing(source, degree, available))
 
 
-def check_memory(
+def check_spacing_fits(
     needed: float,
     unknowns: float,
     spacing: float,
@@ -71,13 +71,12 @@ def check_memory(
     solver: str = "reference",
     smaller_solver: str = "reference",
 ) -> None:
-    """Raise if a solve of this number of unknowns, with ``needed`` bytes, does not fit into the memory of this process.
-
-    Raises ResolutionError if it does not fit; the message states a spacing that does.
+    """Raise if a spacing is too fine for the memory of this process: if a solve with it needs more than there is.
 
     ``needed``, ``unknowns``, ``spacing``: bytes and unknowns of the solve, and the spacing.
     ``fitting``: returns the spacing that fits into a number of bytes.
-    ``solver``, ``smaller_solver``: name of the solver, and of one that is recommended in place of a factorisation.
+    ``solver``, ``smaller_solver``: name of the solver, and of the solver to recommend in place of "direct".
+    Raises ResolutionError if it does not fit; the message states a spacing that does.
     """
     limit = memory.memory_limit()
     if needed > limit.bytes:
@@ -94,8 +93,8 @@ def bytes_per_unknown(
     """Return the bytes of tables and vectors for each unknown of a band, at the peak of a solve.
 
     ``dim``, ``degree`` and ``channels`` are the dimension of the space, the degree of the interpolation and the number
-    of right-hand sides, ``rows`` the rows of E for each unknown, by default the usual number. The solver ``direct``
-    needs the memory of the assembled matrix and its factors.
+    of right-hand sides, ``rows`` the rows of the extension E for each unknown, by default the usual number. The solver
+    ``direct`` needs, in place of the vectors, the memory of the assembled matrix and its factors.
     """
     stencil: int = (degree + 1) ** dim
     rows = rows or (1.3 if dim == 3 else 1.5)
@@ -107,9 +106,9 @@ def bytes_per_unknown(
 
 
 def fitting_spacing(source: LocalSource, degree: int, available: int, solver: str = "reference") -> float:
-    """Return a spacing, rounded up to two digits, at which a solve fits into ``available`` bytes.
+    """Return a spacing, rounded up to two digits, at which a solve on a band fits into ``available`` bytes.
 
-    It depends neither on the spacing of the user nor on the origin of the lattice.
+    A fifth of them is left unused. The result depends neither on the user's spacing nor on the lattice's origin.
     """
     unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / bytes_per_unknown(source.dim, degree, solver)
     return rounded_up((unknowns_at_unit_spacing(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
@@ -119,7 +118,7 @@ def unknowns_at_unit_spacing(source: LocalSource, degree: int, counted: int = CO
     """Estimate the number of unknowns of a band, times the spacing to the power of the manifold's dimension.
 
     The number of nodes follows from the first level of blocks (:func:`cell_levels`) of which more than ``counted`` meet
-    the manifold; parts thinner than a block count as thick as a block.
+    the manifold, else from the finest; parts thinner than a block count as thick as a block.
     """
     extent = float((source.bounds[1] - source.bounds[0]).max()) or 1.0
     cell = extent * FINEST_CELL_SHARE
@@ -130,7 +129,7 @@ def unknowns_at_unit_spacing(source: LocalSource, degree: int, counted: int = CO
 
 
 def rounded_up(value: float) -> float:
-    """Return ``value`` rounded up to two digits."""
+    """Return ``value``, above zero, rounded up to two digits."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.ceil(value / unit * (1 - 1e-9)) * unit:.2g}")
 

@@ -9,7 +9,7 @@ from cpmkit.types import Floats, Ints
 
 
 def check_degree(degree: int, label: str = "degree") -> int:
-    """Return ``degree`` if it is an integer from 2 to 5; ``label`` names the degree in the message.
+    """Return ``degree``, of the interpolation, if it is an integer from 2 to 5; ``label`` names it in the message.
 
     Raises InputError if it is not. Degree 1 does not converge: its error stays of order one at every spacing.
     """
@@ -64,8 +64,8 @@ def lagrange_weights(fractions: Floats, degree: int) -> Floats:
 def tensor_weights(fractions: Floats, degree: int, along: int | None = None) -> Floats:
     """Return the weights (n, (degree + 1)^d) of tensor-product interpolation at ``fractions`` (n, d).
 
-    The last axis varies fastest. With an axis ``along``, the derivatives of the weights with respect to the fractions
-    along it, per cell.
+    The last axis varies fastest. With an axis ``along``, return the derivatives of the weights with respect to the
+    fractions along it: per cell, not per unit of length.
     """
     # King et al. (2024), eq. 1: the weights of the closest point extension.
     lines = lagrange_weights(fractions, degree)

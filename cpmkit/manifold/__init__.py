@@ -1,1 +1,1 @@
-"""S by its closest points alone, without a lattice: feet, tangent spaces, orientation, walks along it."""
+"""Manifolds by closest points: sources, tangents, orientation, walks; inner products, norms, rotations of vectors."""

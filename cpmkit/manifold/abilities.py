@@ -1,4 +1,4 @@
-"""The optional abilities of a source: a source has an ability if it has its methods."""
+"""The optional abilities of a source, a manifold given by closest points: it has an ability if it has its methods."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class HasNormals(Protocol):
 
 @runtime_checkable
 class HasCreases(Protocol):
-    """A mesh that stands for a smooth surface, and has creases beside which the surface is that of the flat cells."""
+    """A mesh that stands for a smooth surface except in cells with a corner at a crease, where the surface is flat."""
 
     def facet_normals(self, feet: ClosestPoints, /) -> Floats:
         """Return unit normals (n, d) of the cells that contain ``feet``, where such a cell has a corner at a crease.
@@ -40,7 +40,7 @@ class HasTangents(Protocol):
     """A curve that has unit tangents of its own, in its direction of travel."""
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit tangents at ``feet``; at a corner the bisector of its two tangents."""
+        """Return unit tangents (n, d) at ``feet``; at a corner the bisector of its two tangents."""
 
 
 @runtime_checkable
@@ -186,9 +186,9 @@ def members_of(source: ClosestPointSource) -> Sequence[ClosestPointSource]:
 
 
 def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
-    """Return the rows (k,) of ``x`` (n, d) and their feet within ``radius``, on each sheet if the source finds these.
+    """Return the row (k,) of ``x`` (n, d) of each foot within ``radius``, and these feet, for unions of sources.
 
-    A source without local minima gives the closest points alone.
+    A source with the ability HasLocalMinima gives the feet on all sheets, any other at most the closest point of a row.
     """
     if isinstance(source, HasLocalMinima):
         return source.local_minima(x, radius)
@@ -214,7 +214,7 @@ def integral_floor_of(source: object, spacing: float) -> float:
 
 
 def has_finite_feet(source: ClosestPointSource) -> bool:
-    """Return whether ``source``, or one of its members, has only finitely many closest points, as a point cloud has."""
+    """Return whether ``source``, or a member of it, has finitely many points that stand for a manifold: is a cloud."""
     size = float(np.ptp(np.asarray(source.bounds, dtype=np.float64), axis=0).max()) or 1.0
     for member in members_of(source):
         if advice_of(member, size).foot_count is not None:
@@ -226,5 +226,5 @@ def has_finite_feet(source: ClosestPointSource) -> bool:
 
 
 def edge_limit_of(source: object) -> int:
-    """Return the bound below which all edge numbers of ``source`` lie."""
+    """Return the bound below which all edge numbers of ``source`` lie: its ``edge_limit``, or :data:`MOST_EDGES`."""
     return int(getattr(source, "edge_limit", MOST_EDGES))

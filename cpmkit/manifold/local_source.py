@@ -104,7 +104,7 @@ class LocalSource:
         return largest_dim(self.source)
 
     def dimensions_at(self, feet: ClosestPoints) -> Ints:
-        """Return the dimension (n,) of the manifold at ``feet``; of a mixed union, that of the member."""
+        """Return the dimension (n,) of the manifold at ``feet``: of the member there; if unknown, of the space."""
         dims = np.array([self.dim if member.manifold_dim is None else member.manifold_dim for member in self.members])
         return np.full(len(feet), dims[0]) if len(dims) == 1 else dims[feet.element]
 
@@ -119,7 +119,7 @@ class LocalSource:
             yield self.members[number], rows, self.members[number].closest_point(feet.points[rows])
 
     def knows_directions(self, dimension: int) -> bool:
-        """Return whether all members of this dimension have tangents (curves) or normals (surfaces)."""
+        """Return whether all members of this ``dimension``, if any, have tangents (if 1) or normals of their own."""
         members = [member for member in self.members if member.manifold_dim == dimension]
         return all(member.has_tangents if dimension == 1 else member.has_normals for member in members)
 
@@ -147,7 +147,8 @@ class LocalSource:
     def local_minima(self, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
         """Return the rows (k,) of ``x`` (n, d) of all feet within ``radius``, and these feet.
 
-        Rows ascend, and the feet of a row are ordered by distance. A row counts as one query.
+        Rows ascend, the feet of a row by distance; a row counts as one query. Only for sources with local minima.
+        Raises InputError if the source's answer breaks its contract.
         """
         source: Any = self.source
         self.queries["points"] += len(x)
@@ -170,7 +171,7 @@ class LocalSource:
 
 
 def largest_dim(source: ClosestPointSource) -> int:
-    """Return the largest dimension of a source's members; an unknown dimension counts as that of the space."""
+    """Return the dimension of a source, of a union the largest of its members; if unknown, that of the space."""
     return max(source.dim if member.manifold_dim is None else member.manifold_dim for member in members_of(source))
 
 
@@ -195,7 +196,7 @@ def with_noise(source: LocalSource, spacing: float) -> LocalSource:
 
     All points of the segment from a query to its foot have the same foot. Computed feet of such points coincide if they
     are exact, and lie on a smooth curve if their error is smooth; third differences along the segment leave the random
-    error. The noise is the root of the median of their squares, 0 where it is mere rounding.
+    error, with 20 times its variance. The noise is the root of the median variance, 0 where it is mere rounding.
     """
     rng = np.random.default_rng(0)
     low, high = source.bounds

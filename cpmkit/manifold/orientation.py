@@ -1,4 +1,4 @@
-"""Samples of a boundary and their neighbours: signs propagated from sample to sample, points in the order of travel.
+"""Signs of directions propagated between the samples of a boundary, and points linked in their order along curves.
 
 Differs from King et al. (2024), section 4.7, where vectors get their signs stencil by stencil.
 """
@@ -31,7 +31,7 @@ class Orientation:
     spacing: float = 0.0  #: Distance of the samples.
 
     def apply(self, points: Floats, directions: Floats) -> Floats:
-        """Return ``directions`` (n, d) at ``points`` (n, d), with signs changed where the samples near by require it.
+        """Return ``directions`` (n, d) at ``points`` (n, d), with the signs of the samples near by, if there are any.
 
         Of the nearest samples, the sample whose direction is most nearly parallel decides.
         """
@@ -67,11 +67,11 @@ AS_GIVEN = Orientation()
 
 
 def agreements(first: Floats, second: Floats, chords: Floats, short: float) -> Floats:
-    """Return the cosines (...,) between ``second`` and ``first`` after transport along the chords, all (..., d).
+    """Return the cosines (...,) between unit vectors ``second`` and ``first``, moved along ``chords``, all (..., d).
 
-    A normal or conormal is rotated as along a circular arc with this chord, to its mirror image in the plane across the
-    chord. This is right to third order on a smooth curve or surface, and also across a corner in the middle of the
-    chord, where the two directions themselves may be far apart. Chords up to the length ``short`` rotate nothing.
+    The first, a normal or conormal, is rotated as along a circular arc with this chord, to its mirror image in the
+    plane across the chord. This is right to third order on a smooth curve or surface, and also across a corner in the
+    middle of the chord, where the directions may be far apart. Chords up to the length ``short`` rotate nothing.
     """
     length = np.linalg.norm(chords, axis=-1, keepdims=True)
     unit_chords = chords / np.where(length > 0, length, 1.0)
@@ -90,8 +90,8 @@ def propagate_signs(
 
     Returned ``directions`` (s, d).
     Returned ``piece`` (s,): the connected piece of each sample; signs of different pieces are independent.
-    Returned ``consistent``: False where a direction comes back reversed along some closed path.
-    Returned ``sure``: True where all neighbours along which signs were propagated agree well: denser samples would
+    Returned ``consistent``: False if a direction comes back reversed along a closed path of clear agreements.
+    Returned ``sure``: True if all neighbours along which signs were propagated agree well: denser samples would
         change nothing.
     """
     from scipy.sparse import csr_array
@@ -124,14 +124,14 @@ def propagate_signs(
 
 
 class Chain(NamedTuple):
-    """Numbers of points (k,) in the order of travel; in a closed chain the first point follows the last."""
+    """Numbers of points (k,) in their order along a curve; in a closed chain the first point follows the last."""
 
     order: Ints
     closed: bool
 
 
 def link_chains(points: Floats, tangents: Floats, conormals: Floats, reach: float) -> list[Chain]:
-    """Return the chains of ``points`` (n, d) in the order of travel, one for each curve that passes through them.
+    """Return the chains of ``points`` (n, d), in either direction along each curve that passes through them.
 
     Two points are linked if each is the other's next point: the nearest within ``reach`` that lies ahead or behind,
     with sideways distance weighted more, and with its conormal to the same side. Branches that cross, parallel arms
@@ -163,7 +163,7 @@ def link_chains(points: Floats, tangents: Floats, conormals: Floats, reach: floa
 def _links(points: Floats, tangents: Floats, conormals: Floats, reach: float) -> Ints:
     """Return the pairs (m, 2) of points that are linked (see :func:`link_chains`), the smaller number first.
 
-    Each point chooses its two neighbours among the 24 nearest points. Sideways parts of chords weigh four times more.
+    Each point chooses a neighbour ahead and one behind among the 23 nearest. Squared sideways distance counts 5 times.
     """
     from scipy.spatial import cKDTree
 

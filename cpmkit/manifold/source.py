@@ -122,9 +122,9 @@ class ClosestPointSource(Protocol):
 
 
 def source_repr(source: ClosestPointSource, name: str | None = None) -> str:
-    """Return one line about a source: its name, dimensions, number of vertices with values, and bounds.
+    """Return one line, the ``repr`` of a source: its name, dimensions, number of vertices with values, and bounds.
 
-    ``name`` is by default the name of the source's class. The ``repr`` of a dataclass would print all its arrays.
+    ``name`` is by default the name of its class, alone if the rest cannot be read. A dataclass would print all arrays.
     """
     name = name or type(source).__name__
     try:
@@ -163,7 +163,7 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: boo
     """Raise if the ``answer`` of ``source`` to closest point queries breaks the contract; the message names the source.
 
     The queries ``x`` (n, d) are relative to ``origin`` (d,). Answers of a ``union`` must contain the number of a member
-    for each query. Raises InputError if the answer has another type or shape, or a foot or distance is not finite.
+    for each query. Raises InputError if type or shape differ, members are missing, or a foot or distance is not finite.
     """
     name = _class_names(source)
     if not isinstance(answer, ClosestPoints):

@@ -15,9 +15,10 @@ from cpmkit.types import Bools, Floats, Ints
 
 
 def jacobian(source: LocalSource, points: Floats, step: float) -> Floats:
-    """Return the Jacobian (n, d, d) of the closest point map at ``points`` (n, d), by central differences, symmetrised.
+    """Return the symmetrised Jacobian (n, d, d) of the closest point map at ``points``, by central differences.
 
-    On a manifold it is the projection on the tangent space (Maerz and Macdonald 2012).
+    At ``points`` (n, d) of the manifold it is the projection on the tangent space (Maerz and Macdonald 2012). The
+    differences are of closest points to queries shifted by ``step``.
     King et al. (2024), section 4.7, interpolates it from the nodes; here it is evaluated at the feet themselves.
     """
     ahead, behind = np.split(_feet_around(source, points, step), 2, axis=1)
@@ -56,10 +57,10 @@ def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Float
 
 
 def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -> tuple[Floats, Bools]:
-    """Return unit tangents (n, d) of a curve at ``feet``, and a mask (n,) of the feet at corners.
+    """Return unit tangents (n, d) of a curve at ``feet`` (see :func:`unit_tangents`), and a mask (n,) of its corners.
 
-    Corners are found only on curves without tangents of their own: there the largest eigenvalue of the Jacobian, which
-    is 1 on a smooth curve, exceeds the next, 0, by less than 0.7.
+    Corners are found only on curves without tangents of their own: there the two largest eigenvalues of the Jacobian,
+    which are 1 and 0 on a smooth curve, differ by less than 0.7. ``step`` is that of its differences.
     """
     corner = np.zeros(len(feet), dtype=bool)
 
@@ -75,7 +76,7 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
 
 
 def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
-    """Return ``vectors`` (n, d) projected on the tangent spaces of ``surface`` at ``feet``."""
+    """Return ``vectors`` (n, d) projected on the tangent spaces at ``feet``, by differences of ``step`` if needed."""
 
     def of_member(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
         """Return the vectors at ``rows`` projected on the tangent spaces of one member at its feet."""
@@ -138,10 +139,11 @@ def left_conormals(
     feet: ClosestPoints,
     step: float,
 ) -> Floats:
-    """Return the unit conormals v = n x t (n, d) to the left of a boundary.
+    """Return the unit conormals v = n x t (n, d) to the left of a boundary, or those that its source gives.
 
     Here n is the normal of the manifold, in an area of the plane the third axis, and t the tangent of the boundary. Of
-    a point on a curve v is -t, t the tangent of the curve; of a surface in a solid it is the normal of the surface.
+    a point on a curve v is -t, t the tangent of the curve; of a surface in a solid it is the normal of the surface; at
+    a corner it is the mean of the samples near by.
     King et al. (2024), section 4.7, eq. 11 and eq. 18: v is the normal of S_perp, and the binormal b.
 
     ``source``, ``surface``: the boundary, of one dimension less than the manifold there, and the manifold.
@@ -182,10 +184,11 @@ ARRIVED_SPACINGS = 1e-7
 def feet_on_sheets(
     source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float
 ) -> tuple[Ints, ClosestPoints]:
-    """Return the rows (k,) of ``goal`` (n, d) and their feet on the sheets that contain ``start``, nearest feet first.
+    """Return candidates for the feet of ``goal`` (n, d) on the sheets of ``start``: rows (k,), ascending, and feet.
 
-    A source with local minima returns its feet no farther than ``start``; doubtful feet, and feet of other sources, are
-    found by walking along the sheet from ``start``.
+    ``start`` is a point of the manifold for each goal. A source with local minima gives all its feet no farther than
+    this point, on any sheet. Feet of other sources, and one in place of the doubtful feet of a row, are found by
+    walking along the sheet from ``start``.
     """
     if not source.has_local_minima:
         return np.arange(len(goal)), walk(source, goal, start, spacing, give_up=True).feet
@@ -204,9 +207,9 @@ def feet_on_sheets(
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """The feet at the ends of walks, and the unit vectors (n, d) of their last steps of over half the longest.
+    """The feet at the ends of walks, and the unit vectors (n, d) of their last long steps.
 
-    The vectors are zero without such a step.
+    A step is long if it is over half as long as a step may be; without such a step the vector is zero.
     """
 
     feet: ClosestPoints
@@ -222,16 +225,16 @@ def walk(
     give_up: bool = False,
     lengthened: bool = True,
 ) -> Walk:
-    """Return the feet reached from ``start`` by moving along the source until ``goal`` (n, d) lies along the normal.
+    """Return the walk by steps along the source from ``start`` to feet at which ``goal`` (n, d) lies along the normal.
 
     A jump to the foot of the goal's projection could land on another sheet. Each step follows the tangential part of
     the vector to the goal; this part shrinks by ``1 - height * curvature`` times the step, so the length of a step is
-    chosen from how much it shrank in the last step (Barzilai and Borwein 1988), at most 4 times this part.
+    chosen from how much it shrank in the last step (Barzilai and Borwein 1988), at most 4 times this part. There are
+    at most 60 steps.
 
-    ``goal`` (n, d).
     ``start``: one point of the manifold for each goal.
-    ``spacing``: spacing of the lattice.
-    ``give_up``: whether a walk ends where it comes no nearer to its goal in 4 steps: around a bend of smaller radius
+    ``spacing``: spacing of the lattice; a step is at most half of it.
+    ``give_up``: whether a walk ends if the tangential part does not shrink in 4 steps: around a bend of smaller radius
         than the goal's height there is no foot.
     ``lengthened``: if false, a step is the tangential part itself: a fifth more steps, which follow sharper folds.
     """
@@ -267,5 +270,5 @@ def walk(
 
 
 def nearest_on_sheet(source: LocalSource, start: ClosestPoints | None, goal: Floats, spacing: float) -> ClosestPoints:
-    """Return the points of a source nearest to ``goal`` (n, d), on the sheets that contain ``start`` if it is given."""
+    """Return the points of a source nearest to ``goal`` (n, d); with ``start``, those that a walk from it reaches."""
     return source.closest_point(goal) if start is None else walk(source, goal, start, spacing).feet

@@ -33,7 +33,7 @@ def unit(a: Floats) -> Floats:
 
 
 def as_rotation(rotation: Any, dim: int) -> Floats:
-    """Return a rotation as a (dim, dim) matrix.
+    """Return a rotation, as given to a source that a plugin places or moves, as a (dim, dim) matrix.
 
     It is given as an angle in radians in the plane, in space as a vector (3,) along the axis, as long as the angle; as
     a matrix; or None for no rotation.

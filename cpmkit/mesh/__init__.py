@@ -1,1 +1,1 @@
-"""One mesh value: cells, edges, rims, winding, repair, subdivision, quadrature and cuts along boundaries."""
+"""Meshes: cells, edges, rims, winding, normals, repair, subdivision, clipping, quadrature and cuts along boundaries."""

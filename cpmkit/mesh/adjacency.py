@@ -89,7 +89,7 @@ class Rim:
     outward: Floats  #: (r, d): vectors tangent to the cell, pointing out of it, as long as the edge there.
 
     def among(self, chosen: Ints) -> Rim:
-        """Return the part of the rim among the distinct points ``chosen`` (n,), with rows counted in ``chosen``."""
+        """Return the rim among the distinct edges or vertices ``chosen`` (n,); its rows are positions in ``chosen``."""
         at = np.searchsorted(self.rows, chosen)
         rows = np.flatnonzero(np.append(self.rows, -1)[at] == chosen)
         return Rim(rows, self.outward[at[rows]])
@@ -129,11 +129,9 @@ def rim_of_vertices(mesh: Mesh) -> Rim:
 
 
 def seam_midpoints(mesh: Mesh, half: HalfFacets) -> Floats:
-    """Return the middles (k, d) of rim edges of triangles that lie on other rim edges and share no vertex with them.
+    """Return those middles (k, d) of rim edges of triangles that lie on another rim edge, without common vertex.
 
-    Such seams are not welded, so nothing flows across them.
-
-    ``half``: the half facets of this mesh.
+    Such seams are not welded, so nothing flows across them. ``half``: the half facets of this mesh.
     """
     from scipy.spatial import cKDTree
 
@@ -166,7 +164,7 @@ class RepairReport:
 
 
 def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
-    """Return a mesh with the same geometry whose cells are connected exactly over shared edges, and a report.
+    """Return a mesh with the same geometry whose cells are connected only over shared edges, and a report.
 
     Contact in a single vertex does not connect: heat would flow through the point where two spheres touch. Curves stay
     connected where several segments meet.
@@ -178,16 +176,14 @@ def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
 
 
 def has_distinct_vertices(mesh: Mesh) -> bool:
-    """Return whether no two vertices are at one place; parts of cells of a repaired mesh then need no repair."""
+    """Return whether no two vertices are at one place: then a mesh of parts of repaired cells needs no repair."""
     return bool((_welded_vertices(mesh.vertices) == np.arange(len(mesh.vertices))).all())
 
 
 def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, RepairReport]:
-    """Return the cells of the repaired mesh, and their relation to those of ``mesh``.
+    """Return ``vertex_of`` (v,), ``cells`` (n, k) and a report of the mesh that :func:`repair` returns.
 
-    Returned ``vertex_of`` (v,): the vertex of ``mesh`` that each vertex of the repaired mesh copies.
-    Returned ``cells`` (n, k).
-    Returned ``report``.
+    Vertex i of the repaired mesh is a copy of vertex ``vertex_of[i]`` of ``mesh``.
     """
     place = _welded_vertices(mesh.vertices)
     cells = place[mesh.cells]

@@ -80,7 +80,7 @@ class Samples:
 
 
 def is_clipped(sampling: str, manifold_dim: int) -> bool:
-    """Return whether ``sampling`` lets triangles be clipped at knot planes; segments end on knot planes in any case."""
+    """Return whether ``sampling`` lets triangles be clipped at knot planes; False for segments, which end there."""
     return manifold_dim == 2 and sampling != "plain"
 
 
@@ -100,7 +100,7 @@ def longest_edge(sampling: str, geometry: CellGeometry, manifold_dim: int) -> fl
 
 
 def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing: float) -> Bools:
-    """Return whether each triangle (m,) is clipped at knot planes; with "auto" small flat triangles are not."""
+    """Return whether each cell (m,) is clipped at knot planes: no segment, and with "auto" no small flat triangle."""
     if not is_clipped(sampling, mesh.manifold_dim):
         return np.zeros(len(mesh.cells), dtype=bool)
     if sampling == "clipped" or geometry != "flat":
@@ -151,13 +151,14 @@ def quadrature(
 
     Segments get the three points of Gauss's rule of degree 5. Whole triangles get the three points of degree 2 with
     barycentric coordinates (2/3, 1/6, 1/6). Pieces between knot planes get four points of degree 3, small pieces three
-    of degree 2, tiny pieces their centroid; with ``fine`` pieces get six points of degree 4 on each triangle of their
-    fan. The weights contain the measure of the flat or quadratic cell: the speed of a curve, |x_r x x_s| on a surface.
+    of degree 2; with ``fine`` pieces get six points of degree 4 on each triangle of their fan. With ``clipped_at``,
+    other tiny pieces and tiny whole triangles get their centroid. The weights contain the measure of the flat or
+    quadratic cell: the speed of a curve, |x_r x x_s| on a surface.
 
     ``mesh``: flat or quadratic cells.
     ``clipped_at``: the spacing h of the lattice if triangles are clipped at its knot planes x = (k + 1/2) h, else None.
     ``further``: samples that are appended.
-    ``clipped`` (m,): which triangles are clipped; by default all.
+    ``clipped`` (m,): which triangles are clipped there; by default all.
     ``fine``: whether pieces between knot planes get a rule of degree 4.
     """
     if mesh.manifold_dim == 1:
@@ -224,11 +225,11 @@ MOVED_MIDDLE_SHARE = 0.25
 def quadratic_rule(mesh: Mesh) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the points, tangents, weights and shape functions of quadrature on segments, triangles or points.
 
-    Segments get the three points of Gauss's rule of degree 5, triangles six points of degree 4.
+    Segments get the three points of Gauss's rule of degree 5, triangles six points of degree 4. Flat cells are treated
+    as quadratic cells with midpoints halfway along the edges.
 
     Returned ``points`` (m, q, d).
-    Returned ``tangents`` (m, q, a, d): derivatives of the position along the a coordinates of a cell: one of a segment,
-        two of a triangle.
+    Returned ``tangents`` (m, q, a, d): derivatives of the position along the a = manifold_dim coordinates of a cell.
     Returned ``weights`` (m, q): contain the length or area element.
     Returned ``shares`` (q, k): the shape functions of the k nodes of a cell: its corners, then its midpoints.
     """
@@ -244,7 +245,7 @@ def quadratic_rule(mesh: Mesh) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def _point_functions() -> tuple[Floats, Floats, Floats]:
-    """Return the shape function (1, 1), no derivatives (1, 1, 0) and the weight (1,) of a point."""
+    """Return the shape function (1, 1) of a point, an empty array (1, 1, 0) of derivatives, and the weight (1,)."""
     return np.ones((1, 1)), np.zeros((1, 1, 0)), np.ones(1)
 
 

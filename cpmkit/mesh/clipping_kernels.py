@@ -127,7 +127,7 @@ def split_at_plane(
 
 @compiled
 def crosses_twice(piece: Floats, count: int, axis: int, plane: float) -> bool:
-    """Return whether the edges of a piece cross a plane exactly twice; curved edges may cross it more often."""
+    """Return whether the edges of a piece, corner to corner, cross a plane exactly twice; curved edges may do more."""
     crossings, before = 0, piece[count - 1, 2 + axis] < plane
     for k in range(count):
         here = piece[k, 2 + axis] < plane

@@ -54,7 +54,7 @@ class Connectivity:
             return Edges(self.cells, np.arange(len(self.cells))[:, None])
         from cpmkit.mesh import mesh_kernels
 
-        return Edges(*mesh_kernels.number_edges(np.ascontiguousarray(self.cells), self.vertex_count))
+        return Edges(*mesh_kernels.number_triangle_edges(np.ascontiguousarray(self.cells), self.vertex_count))
 
     @property
     def facet_numbers(self) -> Ints:
@@ -75,7 +75,7 @@ class Connectivity:
     def winding(self) -> Any:
         """(m,) int8: factors 1 or -1 that orient neighbouring cells alike, 0 beside facets where this is impossible.
 
-        The orientation is propagated over facets that two cells share.
+        The orientation is propagated over shared facets; 0 occurs only beside facets of exactly two cells.
         """
         from cpmkit.mesh.mesh_kernels import propagate_orientation
 
@@ -184,7 +184,7 @@ class Mesh:
 
 
 def rectangle(lower: Floats, upper: Floats, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 2) of a regular triangulation between opposite corners, and its triangles (m, 3).
+    """Return vertices (v, 2) and triangles (m, 3) of a regular triangulation between corners ``lower`` and ``upper``.
 
     Triangles are counterclockwise; the legs are at most ``spacing`` long.
     """

@@ -18,7 +18,7 @@ MOST_CURVATURE_RATIO = 4.0
 
 
 @compiled
-def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
+def number_triangle_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
     """Return the edges (e, 2) of triangles among ``count`` vertices, and the edge (m, 3) opposite to each corner.
 
     Each vertex has a linked list of the edges that lead to vertices of larger number.
@@ -83,9 +83,10 @@ def join_corners(cells: Ints, of_cells: Ints, barred: Bools) -> Ints:
 
 @compiled
 def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
-    """Return the factor (m,) int8, 1 or -1, that orients each cell consistently, 0 beside facets where none does.
+    """Return the factor (m,) int8, 1 or -1, that orients each cell like its neighbours, 0 where neither does.
 
-    Cells connected over facets form sets (union-find); each cell stores its orientation relative to its parent.
+    Cells connected over facets form sets (union-find); each cell stores its orientation relative to its parent. The
+    factor is 0 beside facets of exactly two cells that stay oriented differently.
 
     ``cells`` (m, k).
     ``facets`` (m, k): the numbers, below ``count``, of the facets opposite to each corner.
@@ -151,7 +152,7 @@ def _signed_root(parent: Ints, sign: Any, cell: int) -> tuple[int, int]:
 
 @compiled
 def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance: float) -> Ints:
-    """Return for each vertex (v,) the representative of its cluster, in which steps are at most ``tolerance`` long.
+    """Return for each vertex (v,) the first of its cluster, of those that it reaches by steps of at most ``tolerance``.
 
     ``vertices`` (v, d).
     ``along`` (v,): coordinates of the vertices along a unit vector: only vertices within ``tolerance`` in these are

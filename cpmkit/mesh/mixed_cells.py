@@ -54,7 +54,7 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
 
 
 def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
-    """Return the corners and ``of_edges``, both (3, m), of triangles rotated so that corner ``first`` (m,) leads."""
+    """Return ``cells`` and their edges ``of_edges``, (m, 3), as (3, m), rotated so that corner ``first`` (m,) leads."""
     order = (first[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
 
@@ -73,7 +73,7 @@ def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints
 
 
 def member_dimensions(surface: ClosestPointSource) -> list[int]:
-    """Return the different dimensions of a surface's members, ascending; a solid has the dimension of the space."""
+    """Return the different dimensions of a surface's members, ascending; if unknown, that of the space."""
     members = members_of(surface)
     return sorted({member.dim if member.manifold_dim is None else member.manifold_dim for member in members})
 
@@ -96,17 +96,14 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
 
 
 def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[Floats, Ints]:
-    """Return the mesh with edges halved until none is longer than ``longest``.
+    """Return attributes (v', w) and cells (m', k) of a mesh with edges halved until none is longer than ``longest``.
+
+    The given vertices come first; neighbouring triangles share the middles of their edges.
 
     ``attributes`` (v, w): the first ``dim`` columns are positions; the middle of an edge has the mean of all columns.
     ``cells`` (m, k): triangles, segments and points; shorter rows end in -1.
     ``dim``: 2 or 3.
     ``longest``: longest edge, in the unit of the positions.
-
-    Returns
-    -------
-    attributes, cells
-        The given vertices come first; neighbours share the middles of their edges.
     """
     from cpmkit.mesh.subdivision_kernels import split_triangles
 
@@ -183,9 +180,9 @@ class CutCells:
 def cut_by_distance(
     pieces: CutCells, boundary: int, distance: Floats, dim: int, curve: ClosestPointSource, spacing: float
 ) -> CutCells:
-    """Return the mesh with all cells that a boundary crosses split, and separate vertices on its two sides.
+    """Return a mesh to draw: the cells that a boundary crosses are split, and vertices are separate on its two sides.
 
-    ``pieces``: the mesh before the cut.
+    ``pieces``: the mesh before the cut. Its triangles in which the boundary ends stay whole.
     ``boundary``: the boundary's column in ``pieces.sides``.
     ``distance`` (v,): signed distance of the vertices from it, positive on the left, NaN where a vertex has no side.
     ``dim``: 2 or 3.
@@ -199,7 +196,7 @@ def cut_by_distance(
     zero = np.flatnonzero(np.abs(distance) < ON_CURVE_SPACINGS * spacing)
     sign[zero] = np.where(_distance_from_curve(points[zero], curve) < CROSSED_EDGE_SHARE * spacing, 0.0, np.nan)
     edges, cells, sides = np.zeros((0, 2), dtype=np.int64), [], []
-    for corners, split in ((3, _split_triangles), (2, _split_segments), (1, None)):
+    for corners, split in ((3, _cut_triangles), (2, _cut_segments), (1, None)):
         part = with_corners(pieces.cells, corners)
         if not len(part):
             continue
@@ -250,7 +247,7 @@ def _distance_from_curve(points: Floats, curve: ClosestPointSource) -> Floats:
     return norms(curve.closest_point(np.ascontiguousarray(points)).points - points)
 
 
-def _split_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
+def _cut_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
     """Return the segments (k, 2) after the cut and the side (k,) of each: 1 left, -1 right, 0 on both or neither.
 
     ``crossings`` (m, 1) is the vertex where the boundary crosses each segment, where ``crossing`` (m, 1) is True.
@@ -265,7 +262,7 @@ def _split_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats)
     )
 
 
-def _split_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
+def _cut_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
     """Return the triangles (k, 3) after the cut and the side (k,) of each: 1 left, -1 right, 0 on both or neither.
 
     ``crossings`` (m, 3) are the vertices where the boundary crosses the edges, where ``crossing`` (m, 3) is True.

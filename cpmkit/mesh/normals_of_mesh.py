@@ -68,7 +68,7 @@ def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) 
 
 
 def vertex_normals(points: Floats, triangles: Ints) -> Floats:
-    """Return unit normals (v, 3) at the vertices: the area-weighted mean of the normals of the triangles around.
+    """Return unit normals (v, 3) at ``points`` (v, 3): the area-weighted mean of the normals of ``triangles`` (t, 3).
 
     Normals of triangles that are oriented differently, as on one-sided surfaces, would cancel: at the vertices of an
     edge between such triangles, the normals of all triangles are first flipped to the side of one of these.

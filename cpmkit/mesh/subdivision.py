@@ -1,6 +1,6 @@
 """Subdivision until no edge is long: segments in equal parts and at knot planes, triangles by halving their edges.
 
-Needles are triangles with one short edge and two long ones, as in meshes of machine parts. Repeated halving would leave
+Needles are triangles with one short edge and two long ones, as in meshes of machine parts. Halving k times would leave
 3^k pieces as slender as the needle; they are cut across at once into 2^(k + 1) - 1 pieces of better shape. Their long
 edges are divided where halving would divide them, and all these vertices are created beforehand, so that triangles that
 are halved later find them.
@@ -34,7 +34,7 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
     """Return the mesh with no edge longer than ``length``: triangles by halving edges, segments in equal parts.
 
     Neighbours share the middles of their edges. Both halves of an edge on a boundary lie on it, in its direction. The
-    longest edges of triangles are halved, so that angles stay as large as they were.
+    edges halved are the longest of their triangles, and needles are cut across first, so that angles do not degenerate.
 
     ``mesh``: flat cells.
     ``length``: longest edge, in the unit of the vertices.
@@ -48,7 +48,7 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
 
 
 def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: tuple[Ints, Ints] | None = None) -> Mesh:
-    """Return triangles with edges halved at their middles until ``is_long`` marks no edge (e,) of the mesh.
+    """Return the triangles with edges halved at their middles until ``is_long`` marks no edge (e,) of the mesh.
 
     ``halves`` are edges whose middles are vertices of the mesh already, because a needle beside them was cut: the
     ascending codes (k,) of the edges, and their middles (k,).
@@ -66,7 +66,7 @@ def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: tuple
 
 
 def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
-    """Return triangles with chosen edges halved, and the facets on boundaries with them.
+    """Return the mesh of triangles with chosen edges, and the facets on boundaries with them, halved.
 
     ``middle`` (e,): the vertex in the middle of each edge, -1 for edges that stay whole.
     ``points`` (k, d): positions of the new vertices: the vertices in ``middle`` that the mesh does not have yet.
@@ -86,14 +86,15 @@ def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
 
 
 def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floats:
-    """Return the share (f,) of each edge of a mesh whose edges were halved, from the shares of the edges before.
+    """Return the share (f,) of its height that each edge keeps once edges are halved, from the shares before.
 
-    Both halves of an edge have its share, an edge between two middles that of the edge it is parallel to, an edge from
-    a middle to the opposite corner the lesser of the shares of the two other edges there.
+    The height is that of a surface above the edge (:class:`~cpmkit.mesh.normals_of_mesh.Support`). Both halves of an
+    edge have its share, an edge between two middles that of the edge it is parallel to, an edge from a middle to the
+    opposite corner the lesser of the shares of the two other edges there.
 
     ``edges``: the edges before halving.
     ``middle`` (e,): the vertex in the middle of each edge, -1 where the edge stayed whole.
-    ``share`` (e,): the share of its height that each edge keeps, see :class:`~cpmkit.mesh.normals_of_mesh.Support`.
+    ``share`` (e,): the shares before halving.
     ``of``: the edges after halving.
     """
     if (share == 1.0).all():
@@ -156,7 +157,7 @@ class _DividedEdges:
 def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, tuple[Ints, Ints] | None]:
     """Return the mesh with needles cut across into pieces about as long as wide, and the edges that this halved.
 
-    Pieces are not shorter than ``length``.
+    Pieces are longer than half of ``length``. The edges are as :func:`halve_long_edges` takes them; None if no needle.
     """
     from cpmkit.mesh import subdivision_kernels
 
@@ -186,7 +187,7 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, tuple[Ints, Ints] | 
 
 
 def _with_divided_cut(mesh: Mesh, divided: _DividedEdges, on_cut: Ints) -> Mesh:
-    """Return the mesh with the facets in ``mesh.cut`` divided; ``on_cut`` (c,) are their edges, -1 if undivided."""
+    """Return the mesh with the facets in ``mesh.cut`` divided; ``on_cut`` (c,) are their edges, -1 if no edge."""
     times = np.where(on_cut >= 0, 2 ** divided.levels[on_cut], 1)
     row, place = expand_counts(times)
     edge, is_backward = on_cut[row], (divided.ends[on_cut, 0] != mesh.cut[:, 0])[row]
@@ -208,13 +209,13 @@ def _edge_codes(ends: Ints) -> Ints:
 
 
 def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
-    """Return the number of each of n items, repeated ``counts`` (n,) times, and the rank of each repetition from 0."""
+    """Return the numbers (r,) of n items, each repeated ``counts`` (n,) times, and the rank (r,) of each from 0."""
     row = np.repeat(np.arange(len(counts)), counts)
     return row, np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
 
 
 def split_equally(mesh: Mesh, length: float) -> Mesh:
-    """Return segments split into the least number of equal parts not longer than ``length``."""
+    """Return the mesh of segments split into the least number of equal parts not longer than ``length``."""
     ends = mesh.vertices[mesh.cells]
     parts = np.maximum(np.ceil(norms(ends[:, 1] - ends[:, 0]) / length), 1).astype(np.int64)
     segment, place = expand_counts(parts - 1)
@@ -223,7 +224,7 @@ def split_equally(mesh: Mesh, length: float) -> Mesh:
 
 
 def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None = None) -> Mesh:
-    """Return segments split where they cross the knot planes of the splines, x = (k + 1/2) spacing along any axis.
+    """Return the mesh with segments split at the knot planes of the splines, x = (k + 1/2) spacing along any axis.
 
     Otherwise the samples of one segment would lie in several lattice cells, and the error would not fall with the
     spacing.

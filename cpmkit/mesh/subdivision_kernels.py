@@ -1,4 +1,4 @@
-"""Compiled: triangles with halved edges, and needles cut across."""
+"""Compiled: the triangles into which triangles with halved edges are split, and needles are cut across."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Services for all packages: checked input, options, memory, threads, compiled kernels, progress, messages."""
+"""Services for all packages: checked input, options, memory, threads, compilation, progress, messages and old names."""

@@ -136,7 +136,7 @@ def positive(x: Any, label: str) -> float:
 
 
 def _as_float(x: Any) -> float:
-    """Return a real number, or an array () of one, as a float; NaN for anything else."""
+    """Return a real number, or an array () of one, as a float; infinity if it is too large, NaN for anything else."""
     if isinstance(x, np.ndarray) and x.ndim == 0:
         x = x[()]
     if isinstance(x, bool) or not isinstance(x, (int, float, np.integer, np.floating)):
@@ -163,7 +163,9 @@ def whole(x: Any, label: str, least: int = 0, most: int | None = None) -> int:
 
 
 def one_row_each(values: Any, count: int, label: str) -> Floats:
-    """Return ``values`` as float64 if they have ``count`` rows, one for each of the objects that ``label`` names.
+    """Return ``values``, data of a source, as float64 if there is a row for each of its ``count`` vertices or samples.
+
+    ``label`` names these in the message.
 
     Raises
     ------
@@ -254,5 +256,5 @@ def as_colours(colours: Any, label: str = "colours") -> Floats:
 
 
 def not_negative(x: Any, label: str) -> float:
-    """Return ``x`` as a float if it is zero or a finite number above zero; ``label`` is its name in the message."""
+    """Return ``x`` as a float if it is a finite number of at least zero, else raise an InputError with ``label``."""
     return positive(x, f"{label}, where it is not zero,") if number(x, label) != 0 else 0.0

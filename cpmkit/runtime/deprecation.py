@@ -1,4 +1,4 @@
-"""Renamed public names: the old name works for one release, with a DeprecationWarning that states the new name."""
+"""Public names imported on first use, and renamed ones: the old name works for one release and warns of the new."""
 
 from __future__ import annotations
 
@@ -17,16 +17,10 @@ def lazy_names(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return the functions ``__getattr__`` and ``__dir__`` of a package whose names are imported on first use.
 
-    Parameters
-    ----------
-    package : str
-        Name of the package.
-    table : iterable of (module, names)
-        Modules, relative to ``inside``, and the names that they define.
-    inside : str
-        Name of the package that contains these modules.
-    advice : str
-        End of the error's message for a name that is not in the table.
+    ``package``: name of the package.
+    ``table``: pairs of a module, relative to ``inside``, and the names that it defines.
+    ``inside``: name of the package that contains these modules.
+    ``advice``: end of the message of the AttributeError for a name that is not in the table.
     """
     namespace = vars(sys.modules[package])
     modules = {name: module for module, names in table for name in names}
@@ -63,14 +57,9 @@ def deprecated_names(
 ) -> Callable[[str], Any]:
     """Return a function ``__getattr__`` for a module in which public names were renamed or moved.
 
-    Parameters
-    ----------
-    module : str
-        The module's ``__name__``.
-    new_names : mapping
-        For each old name the new name, with the module that it is imported from: ``"cpmkit.scene.scene.Scene"``.
-    otherwise : callable, optional
-        The module's ``__getattr__`` for all other names.
+    ``module``: the module's ``__name__``.
+    ``new_names``: for each old name the new, with the module that defines it: ``"cpmkit.scene.scene.Scene"``.
+    ``otherwise``: the module's ``__getattr__`` for all other names; without it they raise AttributeError.
     """
 
     def get(name: str) -> Any:

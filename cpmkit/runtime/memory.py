@@ -1,4 +1,4 @@
-"""Memory: the limit of this process, its peak, the need of a solve, and the release of freed memory."""
+"""Memory: the limit of this process, its peak, the release of freed memory, and objects pickled without caches."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENTRY_BYTES = 12
 
 @dataclass(frozen=True)
 class MemoryLimit:
-    """The bytes that this process may have, and the beginning of a sentence that names the cause of this limit."""
+    """The bytes that this process may have or still get, and the beginning of a sentence that names the cause."""
 
     bytes: int
     subject: str
@@ -39,7 +39,7 @@ def machine_bytes() -> int:
 
 
 def memory_limit() -> MemoryLimit:
-    """Return the smallest limit: of the machine, the control groups (containers), or ``ulimit``."""
+    """Return the smallest limit: what the machine or control groups (containers) have, or ``ulimit`` leaves."""
     fifth_of_second = int(time.monotonic() / 0.2)
     groups = _group_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"), fifth_of_second)
     limits = [MemoryLimit(machine_bytes(), "this machine has"), *groups, *_process_limits()]
@@ -47,7 +47,7 @@ def memory_limit() -> MemoryLimit:
 
 
 def available_bytes() -> int:
-    """Return the bytes of memory that this process may have in all."""
+    """Return the bytes of the smallest limit: those that this process may have or, under ``ulimit``, still get."""
     return memory_limit().bytes
 
 
@@ -136,12 +136,9 @@ def trim_heap() -> None:
 
 
 def reset_peak_memory() -> int | None:
-    """Reset the peak of this process's memory to the memory now in use.
+    """Reset the peak of this process's memory to the memory now in use, and return these bytes.
 
-    Returns
-    -------
-    int or None
-        The bytes in use, after freed memory was released; None where the system reports no peak (only Linux does).
+    Freed memory is released before. The result is None where the system reports no peak (only Linux does).
     """
     gc.collect()
     trim_heap()

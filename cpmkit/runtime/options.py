@@ -87,9 +87,10 @@ def split_options(
 
 
 def document_options(*kinds: type[DeclaredOptions]) -> Callable[[Function], Function]:
-    """Return a decorator that replaces ``**options`` in signature and docstring by the options of ``kinds``.
+    """Return a decorator that inserts the options of ``kinds`` before ``**options`` in signature and docstring.
 
-    If several classes declare an option, all its summaries are shown, and ``...`` as its default.
+    If several classes declare an option, all its summaries are shown, and ``...`` as its default. Options that are
+    parameters of the function already are left out.
     """
 
     def document(function: Function) -> Function:
@@ -124,7 +125,7 @@ TYPE_WORDS = {bool: "true or false", int: "a whole number", float: "a number", s
 def check_key_types(make: Callable[..., Any], label: str, table: Mapping[str, Any]) -> None:
     """Raise if a value does not have one of the plain types that the factory ``make`` declares for this parameter.
 
-    Raises SceneError for the first such key of the ``table``; the message states the key and the accepted types.
+    Raises SceneError for the first such key of the ``table``, called ``label``; the message states the accepted types.
     """
     try:
         hints = get_type_hints(make)
@@ -146,7 +147,7 @@ def check_key_types(make: Callable[..., Any], label: str, table: Mapping[str, An
 
 
 def one_of(*names: str) -> Callable[[Any, str], str]:
-    """Return a function that checks an option whose value must be one of ``names``."""
+    """Return a check of an option: it returns a value that is one of ``names``, and raises InputError for others."""
 
     def check(value: Any, label: str) -> str:
         if not isinstance(value, str) or value not in names:

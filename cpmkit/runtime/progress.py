@@ -27,14 +27,7 @@ class ProgressLine:
     """A :data:`~cpmkit.types.Progress` callback that writes to a stream; a context manager.
 
     On a terminal it shows the current stage as a bar. On any stream it writes one line with the seconds of each stage
-    that took longer than a second.
-
-    Parameters
-    ----------
-    stream : text stream
-        Stream to write to, usually ``sys.stderr``.
-    clock : callable
-        Returns the time in seconds.
+    that took longer than a second. ``clock`` returns the time in seconds; ``stream`` is usually ``sys.stderr``.
     """
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.perf_counter) -> None:

@@ -48,8 +48,7 @@ if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none
 def run_parcels(work: Callable[[int, int], object], count: int, size: int = 4096) -> None:
     """Call ``work(start, stop)`` on all threads for consecutive parts of ``range(count)``, each of at most ``size``.
 
-    The default is for closest point queries: so few that a busy core does not delay the others.
-
+    The default size is for closest point queries: so few that a busy core does not delay the others.
     An exception in a parcel is raised to the caller.
     """
     starts = range(0, count, size)

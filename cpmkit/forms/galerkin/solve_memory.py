@@ -12,7 +12,7 @@ from cpmkit.forms.cost_model import fitting_unknowns
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import check_numbered, lattice_of
-from cpmkit.grid.spacings import SPARE_MEMORY_SHARE, check_memory, rounded_up, unknowns_at_unit_spacing
+from cpmkit.grid.spacings import SPARE_MEMORY_SHARE, check_spacing_fits, rounded_up, unknowns_at_unit_spacing
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
@@ -129,7 +129,7 @@ class SolveMemory:
         Raises ResolutionError if it does; the message has a spacing that would fit, and the solver that needs less.
         """
         needed, fitting = self.peak_bytes(unknowns, solver), partial(self.fitting_spacing, solver)
-        check_memory(needed, unknowns, self.options.spacing, fitting, solver, "multigrid")
+        check_spacing_fits(needed, unknowns, self.options.spacing, fitting, solver, "multigrid")
 
     def expected_unknowns(self) -> float:
         """Return the approximate number of unknowns at the spacing: that of a closest point band of the same degree.
