@@ -79,11 +79,11 @@ class Steps:
         """
         form = self.context.discretized
         scale = self.law.at if self.penalty_scale is None else self._scale_at
-        coefficient = StateDependentCoefficient(self.law.tangent, state.u, scale)
+        coefficient = StateDependentCoefficient(self.law.flux_by_gradient, state.u, scale)
         tangent = form.stiffness(replace(self.terms, diffusivity=coefficient))
         drift = None
         if self.law.by_value is not zero_derivative:
-            drift = form.advection(StateDependentCoefficient(self.law.drift, state.u))
+            drift = form.advection(StateDependentCoefficient(self.law.flux_by_value, state.u))
         change, report = self._solve(tangent, state, drift)
         weights = 1 / np.abs(tangent.diagonal)
         before, length = _size(state.residual, weights), 1.0

@@ -36,15 +36,15 @@ def read_array(path: Path, label: str = "an array of numbers") -> np.ndarray:
     Raises
     ------
     InputError
-        If the file cannot be opened, is no ``.npy`` file, holds other data than numbers, or is
-        shorter than its header says.
+        If the file cannot be opened, is no ``.npy`` file, holds other data than integers or real numbers, is
+        shorter than its header says, or larger than the available memory.
     """
     with explain_system_error(f"{shown(path.name)} cannot be read"), path.open("rb") as opened:
-        return _member(opened, path.stat().st_size, path.name, f"a .npy file with {label}", "iuf")
+        return _read_stream(opened, path.stat().st_size, path.name, f"a .npy file with {label}", "iuf")
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return the contents of a file.
+    """Return the contents of a file that fits into the available memory.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def read_arrays(
             read = {}
             for name, entry in members.items():
                 with archive.open(entry) as opened:
-                    read[name] = _member(opened, entry.file_size, path.name, label, "biufUS")
+                    read[name] = _read_stream(opened, entry.file_size, path.name, label, "biufUS")
             return read
     except InputError:
         raise
@@ -96,10 +96,11 @@ def _check_size(needed: int, name: str) -> None:
         )
 
 
-def _member(opened: IO[bytes], length: int, name: str, label: str, kinds: str) -> np.ndarray:
-    """Return the array in a stream of ``length`` bytes, header included.
+def _read_stream(opened: IO[bytes], length: int, name: str, label: str, kinds: str) -> np.ndarray:
+    """Return the array in an opened .npy file, or such a part of an archive, of ``length`` bytes with its header.
 
-    Raise InputError if its type is not among ``kinds``, or the stream is damaged or shorter than the header says.
+    Raises InputError if its type is not among ``kinds``, it is larger than the available memory, or the file is damaged
+    or shorter than the header says; ``name`` and ``label`` are the file and its expected contents in messages.
     """
     try:
         shape, fortran, dtype, header = _header(opened)
@@ -118,7 +119,10 @@ def _member(opened: IO[bytes], length: int, name: str, label: str, kinds: str) -
 
 
 def _header(opened: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Return the shape, whether the order is Fortran's, the type, and the length in bytes of an array's header."""
+    """Return the shape, whether the order is Fortran's, the type, and the length in bytes of an array's header.
+
+    Raises one of :data:`DAMAGE_ERRORS` if the header is damaged.
+    """
     version = np.lib.format.read_magic(opened)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     shape, fortran, dtype = readers[version](opened)
@@ -178,7 +182,7 @@ def read_saved(
 
 
 def read_json_table(array: np.ndarray, path: Path, name: str) -> dict[str, Any]:
-    """Return the table of plain values in an array of text. Raises InputError if the text is not a JSON object."""
+    """Return the table of plain values that an array has as JSON text; raise InputError if it is no JSON object."""
     try:
         table = json.loads(str(array))
     except (ValueError, RecursionError) as error:

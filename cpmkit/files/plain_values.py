@@ -18,7 +18,7 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of plain values, defined by a check."""
+    """A kind of plain values (numbers, text, lists, tables), defined by a check; for data read from files."""
 
     words: str  #: Its name in errors: "a whole number of at least 0".
     accepts: Callable[[Any], bool]  #: Returns whether a value is of the kind.
@@ -95,8 +95,8 @@ def check_fields(
 def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
     """Return an object of a dataclass with plain fields from the table as which it was saved; unknown keys are ignored.
 
-    Raises InputError if a field without a default is missing, or a field is not of its type; integers must not be
-    negative.
+    Raises InputError if a field without a default is missing, or a value is not of the field's type (integers must not
+    be negative), and TypeError if the type of a field is not of plain values.
     """
     hints = get_type_hints(record)
     kinds = {field.name: _kind(hints[field.name]) for field in fields(record)}  # type: ignore[arg-type] # a dataclass
@@ -147,13 +147,9 @@ WHOLE_NUMBER_BOUND = 2**63
 def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], label: str, like: str) -> Parsed:
     """Return the result of ``make`` for the tables and the path of a TOML file.
 
-    Raises SceneError if the file is missing, too large or does not parse, nests tables too deeply, holds a control
-    character or a whole number beyond 64 bits, or ``make`` raises it.
-
-    ``path``: the file.
-    ``make``, callable: called with tables and path; its SceneErrors are raised with the file's name.
-    ``label``: kind of file in the error if there is none, such as "scene file".
-    ``like``: description of an accepted file for that error.
+    ``label``, such as "scene file", and ``like`` describe the expected file in the error if there is none. Raises
+    SceneError if the file is missing, too large or does not parse, nests tables too deeply, or holds a control
+    character or a whole number beyond 64 bits. SceneErrors of ``make`` are raised with the file's name.
     """
     path = Path(path)
     tables = _tables(path, label, like)
@@ -186,10 +182,7 @@ def _tables(path: Path, label: str, like: str) -> dict[str, Any]:
 
 
 def _check_values(tables: dict[str, Any]) -> None:
-    """Raise a SceneError for values that no key accepts.
-
-    These are tables nested too deeply, whole numbers beyond 64 bits, and control characters.
-    """
+    """Raise SceneError if tables are nested too deeply, or a number exceeds 64 bits, or text has control characters."""
     waiting: list[tuple[str, Any, int]] = [("the file", tables, 0)]
     while waiting:
         where, value, depth = waiting.pop()
@@ -214,7 +207,7 @@ def _entries(value: Any, where: str) -> Iterator[tuple[str, Any]]:
 
 
 def _check_text(text: str, where: str) -> None:
-    """Raise a SceneError for control characters: they could steer a terminal, or end the name of a file."""
+    """Raise SceneError for control characters but newline and tab; they could steer a terminal or end a file's name."""
     if text.isprintable():
         return
     control = next((letter for letter in text if unicodedata.category(letter) == "Cc" and letter not in "\n\t"), None)

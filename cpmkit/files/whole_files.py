@@ -66,7 +66,10 @@ def unfinished_name(path: Path) -> Path:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove temporary files of ``path`` of processes that no longer run."""
+    """Remove the temporary files and folders beside ``path`` that :func:`unfinished_name` named in ended processes.
+
+    Raises OSError if the folder of ``path`` cannot be listed.
+    """
     named = re.compile(re.escape(f".{path.stem}.") + r"(\d{1,10})(-\d{1,10})?" + re.escape(path.suffix.lower()))
     for entry in path.parent.iterdir():
         match = named.fullmatch(entry.name)
@@ -89,7 +92,7 @@ def _runs(process: int) -> bool:
 
 
 def check_place(path: Path) -> None:
-    """Raise if a file ``path`` cannot be written or its folders cannot be created; nothing is left behind.
+    """Check that a file ``path`` can be written and its folders can be created; nothing is left behind.
 
     Raises InputError if a name is not valid, a folder is a file or the reverse, or the folder is not writable.
     """
@@ -105,9 +108,9 @@ def check_place(path: Path) -> None:
 
 
 def check_name(path: Path) -> None:
-    """Raise if the name of a file or of one of its folders is not valid.
+    """Check that the names of a file and of its folders are valid.
 
-    Raises InputError if a name is too long, or the file system's encoding lacks its characters.
+    Raises InputError if a name or the path is too long, contains NUL, or the file system's encoding lacks characters.
     """
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no name of a file: it holds the character NUL.")
@@ -237,9 +240,9 @@ def _folder_text(folder: Path) -> str:
 
 
 def _fetch(name: str) -> Path | None:
-    """Return the path of an example mesh, downloaded into the cache; None if that is not possible.
+    """Return the path of an example mesh, downloaded into the cache; None without the package pooch or a connection.
 
-    Raise InputError if the checksum is wrong.
+    Raises InputError if the checksum is wrong.
     """
     try:
         import pooch
@@ -260,7 +263,7 @@ def _fetch(name: str) -> Path | None:
 
 
 def _download(url: str, output_file: Any, _: Any) -> None:
-    """Fetch ``url``, which may also begin with file://, into ``output_file``."""
+    """Download ``url``, which may also begin with file://, into ``output_file``."""
     from urllib.request import urlopen
 
     with urlopen(url, timeout=30) as answer:

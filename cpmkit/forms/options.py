@@ -47,7 +47,7 @@ class Options(DeclaredOptions, Generic[Own]):
 def solver_of(form: Discretized, target: str) -> str:
     """Return the name of the solver that ``target`` ("auto" or a name) means for a discretised scene."""
     problem, traits = form.scene.problem, form.traits
-    factor = problem.factors_up_to(traits.iterative_solver == "multigrid") * traits.factorise_up_to
+    factor = problem.direct_solver_limit(traits.iterative_solver == "multigrid") * traits.factorise_up_to
     return choose_solver(target, form.size, largest_dim(form.scene.surface), factor, traits.iterative_solver)
 
 

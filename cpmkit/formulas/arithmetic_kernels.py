@@ -1,4 +1,4 @@
-"""Compiled arithmetic of formulas: on few points, many steps take no longer than one operation of NumPy."""
+"""Compiled arithmetic of formulas: on few points, many steps take no longer than a single operation of NumPy."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from cpmkit.types import Floats, Ints
 def run_arithmetic(table: Floats, codes: Ints) -> None:
     """Compute arithmetic steps on the rows of a table, in place and with the rounding of NumPy.
 
-    ``table`` (s, n): one value in each row, at n points; results are written to it.
-    ``codes`` (k, 4): one step in each row: its number in ``ARITHMETIC``, the rows of its first and second operand, and
-        the row of its result, which differs from those.
+    ``table`` (s, n): in each row the values of a step of a formula at n points; results are written to it.
+    ``codes`` (k, 4): in each row an operation: its number in ``cpmkit.formulas.steps.ARITHMETIC``, the rows of its
+        first and second operand (equal if it has one), and the row of its result, which differs from those.
     """
     n = table.shape[1]
     for code, first, second, result in codes:

@@ -50,7 +50,7 @@ class Formulas:
         return "t" in self._program.variables
 
     def _values(self, points: Floats, **others: Any) -> Floats:
-        """Return the values (k, n) of the k formulas at points (n, d), given the ``others`` of their variables.
+        """Return the values (k, n) of the k formulas at points (n, d), given ``others``, their other variables by name.
 
         Raises SceneError if a formula uses a coordinate that the points do not have.
         """
@@ -105,7 +105,7 @@ class Expression(Formula):
     def __call__(self, points: Floats, t: float | None = None) -> Floats:
         """Return the values (n,) at points (n, d) and, if the formula contains t, the time ``t``.
 
-        Raises SceneError if the formula contains t and ``t`` is None.
+        Raises SceneError if the formula contains t and ``t`` is None, or a coordinate that the points do not have.
         """
         if t is None and self.takes_time:
             raise SceneError(f"the formula {shown(self.text)} depends on t, and there is no time here; leave t out.")
@@ -217,12 +217,12 @@ class FormulaJets:
     programs: tuple[Program, ...]
 
     def rows(self, order: int, columns: Floats) -> Floats:
-        """Return the rows (r, n) of the program with derivatives up to ``order``, at variables ``columns`` (m, n)."""
+        """Return formulas and derivatives up to ``order`` 0, 1 or 2 as rows (r, n), at variables ``columns`` (m, n)."""
         return self.programs[order](dict(zip(self.names, columns, strict=True)), columns.shape[1])
 
 
 def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) -> FormulaJets:
-    """Return the formulas given by checked syntax trees in the variables ``names``, with their derivatives.
+    """Return the formulas given by checked syntax trees in the variables ``names``, with first and second derivatives.
 
     Raises
     ------
@@ -252,7 +252,10 @@ def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) ->
 
 
 class Derivatives:
-    """Derivatives of the values of ``steps``, added to it as further steps; None stands for a derivative of zero."""
+    """Symbolic derivatives of the values of ``steps``, a list to which they are added; None is a derivative of zero.
+
+    The place of a value is its index in the list.
+    """
 
     def __init__(self, steps: Steps) -> None:
         self.steps = steps
@@ -284,7 +287,7 @@ class Derivatives:
         return total
 
     def _add(self, text: str, places: dict[str, int]) -> int:
-        """Return the place of the value of a formula in variables at ``places``."""
+        """Return the place of the value of a formula, given the ``places`` of its variables by name."""
         return self.steps.add_tree(ast.parse(text, mode="eval").body, places)
 
     def _times(self, a: int, b: int) -> int:

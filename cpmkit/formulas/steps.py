@@ -76,7 +76,7 @@ def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") ->
 
 
 def parse(text: str, label: str = "the formula") -> ast.expr:
-    """Return the syntax tree of a Python expression, of which nothing is checked but its length.
+    """Return the syntax tree of a Python expression whose nodes are not checked; :func:`formula_tree` does that.
 
     Raises SceneError if ``text`` is too long, contains #, is nested too deeply, or does not parse.
     """
@@ -161,7 +161,7 @@ class Steps:
             return self.number(KERNELS[kernel](*map(np.float64, numbers)))
 
     def power(self, base: int, exponent: int) -> int:
-        """Return the place of a power, computed by products if the exponent is a small whole number."""
+        """Return the place of a power: by products, and a quotient, for small whole exponents; by sqrt for 0.5."""
         number = self.value(exponent)
         if number == 0.5:
             return self.apply("sqrt", base)

@@ -19,9 +19,9 @@ from cpmkit.types import SIDES, Floats, Ints, Side, Sides
 
 
 def _as_boundary_source(value: Any) -> Any:
-    """Return the closest-point source of points (k, d) or of a point (d,), or integers as vertex numbers (k,).
+    """Return the place that a user gives for a boundary as a source, or as numbers (k,) of vertices of the surface.
 
-    Any other value, also a source, is returned unchanged.
+    Points (k, d) or a point (d,) become a closest-point source; other values, also sources, are returned unchanged.
     """
     if isinstance(value, (ClosestPointSource, str, bytes, bool)) or callable(value):
         return value
@@ -200,7 +200,7 @@ class BoundarySet(Protocol):
 
 
 def as_boundary(value: Any) -> Boundary:
-    """Return a boundary set as a `Boundary`; raise a SceneError for anything else."""
+    """Return ``value``, an object with the members of `BoundarySet`, as a `Boundary`; else raise SceneError."""
     if isinstance(value, Boundary):
         return value
     if not isinstance(value, BoundarySet):
@@ -214,9 +214,10 @@ def as_boundary(value: Any) -> Boundary:
 
 
 def named_sides(boundaries: Sequence[Boundary], side: Sides, has_left: Sequence[bool] | None = None) -> dict[str, Side]:
-    """Return the side that is read of each boundary, by name; a single side holds for all boundaries that have sides.
+    """Return the side, left or right, from which a solution is evaluated on each boundary, by the boundary's name.
 
-    ``has_left`` says for each of the ``boundaries`` whether it has sides; by default all have.
+    ``side`` is a table of sides by name, or a side for all boundaries that have sides, or None (then the result is
+    empty). ``has_left`` says for each of the ``boundaries`` whether it has sides; by default all have.
 
     Raises
     ------
@@ -236,7 +237,7 @@ def named_sides(boundaries: Sequence[Boundary], side: Sides, has_left: Sequence[
 
 
 def boundary_number(boundaries: Sequence[Boundary], name: str) -> int:
-    """Return the number of the boundary called ``name``. Raises InputError if there is none."""
+    """Return the index in ``boundaries`` of the boundary called ``name``. Raises InputError if there is none."""
     names = [boundary.name for boundary in boundaries]
     if name not in names:
         raise InputError(f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}.")

@@ -48,7 +48,7 @@ class Coupled(Equation):
     Raises
     ------
     InputError
-        If C is not a function, a constant diffusivity not above zero, or c neither a number nor a function.
+        If C is not a function, a diffusivity is a number not above zero, or c is neither a number nor a function.
 
     Examples
     --------
@@ -72,7 +72,7 @@ class Coupled(Equation):
     factorise_up_to: ClassVar[float] = 4.0
 
     def __post_init__(self) -> None:
-        """Check the coupling too."""
+        """Check the fields as for any equation, and the coupling. Raises InputError if it is not a function."""
         super().__post_init__()
         if not callable(self.coupling):
             raise InputError(
@@ -99,7 +99,7 @@ class Eigen(Equation[EigenFamily]):
     Raises
     ------
     InputError
-        If the count is not a whole number above zero, ``near`` not a number, or a constant diffusivity not above zero.
+        If the count is not a whole number above zero, ``near`` or c not finite, or the diffusivity not above zero.
 
     Examples
     --------
@@ -123,25 +123,25 @@ class Eigen(Equation[EigenFamily]):
     accepted: ClassVar[str] = "use Dirichlet(0), Neumann(0), Robin(alpha, beta, 0) or Steklov()"
 
     def __post_init__(self) -> None:
-        """Check the number of eigenvalues and ``near`` too."""
+        """Check the fields as for any equation, the number of eigenvalues and ``near``; raise InputError for these."""
         super().__post_init__()
         whole(self.count, "count of eigen", 1)
         if self.near is not None:
             number(self.near, "near of eigen")
 
-    def factors_up_to(self, multigrid: bool) -> float:
+    def direct_solver_limit(self, multigrid: bool) -> float:
         """Return the largest number of unknowns for the direct solver, in units of that for a single definite system.
 
-        With multigrid and eigenvalues near a number it is 60: inside the spectrum each multigrid solve takes about 20
-        cycles.
+        ``multigrid`` says whether the form has multigrid; then, with ``near``, it is 60: inside the spectrum each
+        multigrid solve takes about 20 cycles.
         """
-        return 60.0 if multigrid and self.near is not None else super().factors_up_to(multigrid)
+        return 60.0 if multigrid and self.near is not None else super().direct_solver_limit(multigrid)
 
     def __str__(self) -> str:
         return str(self.terms()).removesuffix("f") + "lambda u"
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Raise if a condition is not accepted, as for any equation, or if its data are not all zero.
+        """Check that the equation accepts ``conditions``, pairs (name of the place, condition), and that data are zero.
 
         Raises
         ------
@@ -259,7 +259,7 @@ class ReactionDiffusion(Evolution):
     schemes: ClassVar[tuple[str, ...]] = ("sbdf2", "euler")
 
     def __post_init__(self) -> None:
-        """Replace the formulas of the reaction by a function, convert kappa to a tuple, and check both."""
+        """Replace formulas of the reaction by a function and kappa by a tuple; raise InputError for wrong fields."""
         super().__post_init__()
         texts: Any = self.reaction
         texts = (texts,) if isinstance(texts, str) else texts
@@ -282,7 +282,7 @@ class ReactionDiffusion(Evolution):
         return Terms(self.f, diffusivity=self.kappa[0])
 
     def terms_of_channels(self, channels: int) -> list[tuple[tuple[int, ...], Terms]]:
-        """Return the terms of the spatial part for each different kappa, after the numbers of the channels with it."""
+        """Return pairs (numbers of channels, their spatial terms): the channels with equal kappa are in one pair."""
         each = self.kappa * channels if len(self.kappa) == 1 else self.kappa
         different: list[Any] = []
         for kappa in each:
@@ -294,13 +294,13 @@ class ReactionDiffusion(Evolution):
         ]
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return the right-hand side, initial data, kappa and the reaction, each after its name in error messages."""
+        """Return pairs (name in messages, data): f, initial data, kappa; and zeros for the formulas of a reaction."""
         data = [*super().data(), (f"kappa of {self.kind}", list(self.kappa))]
         channels = getattr(self.reaction, "channels", None)  # of formulas
         return [*data, ("the reaction", [0.0] * channels)] if channels is not None else data
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Raise if a condition is not accepted, or couples sides while kappa differs between channels.
+        """Check that ``conditions``, pairs (name of the place, condition), are accepted; coupled sides need one kappa.
 
         Raises
         ------

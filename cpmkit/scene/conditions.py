@@ -58,7 +58,7 @@ class Condition:
             check_order(self.order, f"order of {type(self).__name__}")
 
     def __init_subclass__(cls, **keywords: Any) -> None:
-        """Cache the law of each condition: forms recognise the data of a condition by the identity of its law."""
+        """Make the property ``law`` of a subclass cached: discretisations recognise data by the identity of the law."""
         super().__init_subclass__(**keywords)
         law: Any = getattr(cls, "law", None)
         if isinstance(law, property) and law.fget is not None:
@@ -125,7 +125,10 @@ class Dirichlet(Condition):
 
 
 def as_condition(value: Any) -> Any:
-    """Return data (a number, formula, sequence, array or function) as a Dirichlet condition; other values unchanged."""
+    """Return data as a Dirichlet condition, and any other value, also a list of conditions, unchanged.
+
+    Data are a number, a formula, a sequence, an array or a function.
+    """
     if isinstance(value, (bool, type)) or (is_sequence(value) and any(isinstance(entry, Condition) for entry in value)):
         return value
     is_data = is_sequence(value) or callable(value) or hasattr(value, "to_numpy")
@@ -161,7 +164,7 @@ class Robin(Condition):
     ----------
     alpha : float
         Not zero.
-    beta : number or callable
+    beta : number, text or callable
         Not zero; a callable of points (n, d) returns (n,).
     gamma : number, sequence, or callable
         As for :class:`Dirichlet`.
@@ -171,7 +174,7 @@ class Robin(Condition):
     Raises
     ------
     InputError
-        If alpha or beta is not a finite number, or is zero: then the condition is of another kind.
+        If alpha is not a finite number other than zero, or beta neither such a number nor a function of points.
 
     Examples
     --------
@@ -190,7 +193,7 @@ class Robin(Condition):
     law_kind: ClassVar[type] = Mixed
 
     def __post_init__(self) -> None:
-        """Convert alpha and beta to floats, unless beta is a function of points; check that neither is zero."""
+        """Convert alpha and beta to floats, unless beta is a function of points; raise InputError if one is zero."""
         super().__post_init__()
         for name, other in (("alpha", "Dirichlet"), ("beta", "Neumann")):
             value = getattr(self, name)
@@ -208,7 +211,7 @@ class Robin(Condition):
 
 
 def same_condition(first: Any, second: Any) -> bool:
-    """Return True if two conditions have one type and equal parameters: numbers, formulas or the same functions."""
+    """Return True if two conditions have the same type, and parameters that are equal by :func:`same_parameter`."""
     if first is second:
         return True
     if type(first) is not type(second) or not is_dataclass(first):
@@ -219,10 +222,10 @@ def same_condition(first: Any, second: Any) -> bool:
 
 
 def sides_differ(left: Condition, right: Condition) -> bool:
-    """Return True if the solution depends on which side of a boundary is left.
+    """Return True if the solution may depend on which side of a boundary is called left.
 
     It does not if both sides have the same condition, or a coupling that is unchanged when the sides are exchanged: the
-    conductivities are equal, and there is no jump.
+    conductivities are equal, and there is no jump. ``left`` and ``right`` are the conditions on the sides.
     """
     law = left.law
     if isinstance(law, Interface):
@@ -231,9 +234,9 @@ def sides_differ(left: Condition, right: Condition) -> bool:
 
 
 def same_parameter(first: Any, second: Any) -> bool:
-    """Return True if two parameters of conditions are equal; functions if they compare equal.
+    """Return True if two parameters of conditions or equations are equal: numbers, sequences, arrays or functions.
 
-    Formulas of equal text do so, and bound methods of one object.
+    Functions are equal if they are one object, formulas of equal text, or the same method bound to the same object.
     """
     if first is second:
         return True

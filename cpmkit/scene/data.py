@@ -1,4 +1,4 @@
-"""Data of a scene: numbers, entries for channels, and functions of position, time or the solution, also as formulas."""
+"""Data of a scene: numbers, lists by channel, and functions of position, time or the solution, also as formulas."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from cpmkit.types import Floats
 
 
 class Functional(ABC):
-    """A right-hand side known only by its integrals with test functions: a functional plus a function of points.
+    """Base class of right-hand sides that are a functional, known by its values on test functions, plus a function.
 
-    The function is ``beside``; a ``form`` is a discretised scene, :class:`cpmkit.forms.galerkin.form.Galerkin`.
+    The function of points is ``beside``; ``form`` is a discretised scene, :class:`cpmkit.forms.galerkin.form.Galerkin`.
     """
 
     beside: Data
@@ -105,8 +105,8 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
     Raises
     ------
     InputError
-        If the number of channels differs, a callable returns another shape, a value is not finite or too large, or a
-        callable depends on the time of a problem without time.
+        If the number of channels differs, a callable returns another shape, a value is not finite or too large, data
+        are a functional, or a callable has a parameter ``t`` and there is no time.
     """
     n = len(points)
     if isinstance(data, Functional):
@@ -163,7 +163,7 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
 
 @dataclass(frozen=True)
 class FieldOfEntries:
-    """A function of points whose components are numbers, formulas or functions of points."""
+    """A vector field on points (n, d), given by a number or a function of points for each component."""
 
     entries: tuple[Data, ...]
     label: str = "a vector field"
@@ -175,10 +175,10 @@ class FieldOfEntries:
 
 
 def read_formulas(instance: Any, label: str) -> None:
-    """Replace formulas by functions, in place, in all fields of a frozen dataclass declared as data or vector fields.
+    """Replace formulas by functions, in place, in those fields of an equation or condition that are data or vectors.
 
-    Raises SceneError if a formula does not parse, or uses an unknown name; ``label`` is the name of the instance in the
-    message.
+    Raises SceneError if a formula does not parse, or a vector field depends on t; ``label`` is the instance's name in
+    the message.
     """
     for member in fields(instance):
         value, kind = getattr(instance, member.name), str(member.type)
@@ -192,7 +192,7 @@ def read_formulas(instance: Any, label: str) -> None:
 def as_data(value: Any, label: str) -> Any:
     """Return data with formulas replaced by functions and pandas columns by arrays; other values unchanged.
 
-    Lists are converted entry by entry. ``label`` is the name of the data in error messages.
+    Lists are converted entry by entry. Raises SceneError, with ``label`` for the data, if a formula does not parse.
     """
     if hasattr(value, "to_numpy"):
         return value.to_numpy()
@@ -206,7 +206,7 @@ def as_data(value: Any, label: str) -> Any:
 def as_vector_field(components: Any, label: str) -> FieldOfEntries:
     """Return the vector field with these ``components``: a number, formula or function for each coordinate.
 
-    Raises SceneError if a component depends on t.
+    Raises SceneError if a component depends on t, or a formula does not parse.
     """
     entries = tuple(as_data(entry, f"entry {number} of {label}") for number, entry in enumerate(components, 1))
     if takes_time(entries):
@@ -215,9 +215,9 @@ def as_vector_field(components: Any, label: str) -> FieldOfEntries:
 
 
 def read_formula(kind: Callable[..., Any], text: Any, label: str, *more: Any) -> Any:
-    """Return ``kind(text, *more)``, the formula of a text; ``label``, the name of the datum, begins its error messages.
+    """Return ``kind(text, *more)``, the function of a formula; ``kind`` is a class such as ``Expression``.
 
-    Raises SceneError if the text is not a formula of this kind.
+    Raises SceneError if it refuses the text; the message begins with ``label``, the name of the datum.
     """
     try:
         return kind(text, *more)
@@ -238,9 +238,8 @@ def call_pointwise(
 
     The function receives the first of ``arrays`` (p, ...), as many as it has parameters without defaults, but ``least``
     of them at least; and the ``time`` if it has a parameter ``t`` without a default. It may return one number for all
-    points, and (p,) where (p, 1) is needed. Unless ``finite`` is False, values that are not finite are refused.
-    ``label`` is its name in messages. Raises InputError if the function fails, or does not return numbers of this
-    shape.
+    points, and (p,) where (p, 1) is needed. Raises InputError, with ``label`` for the function, if it raises a
+    TypeError or ValueError, returns another shape, or returns NaN or infinity and ``finite`` is True.
     """
     timed = {"t": time} if time is not None and takes_time(function) else {}
     try:
@@ -267,7 +266,10 @@ DIFFERENCE_SHARE = 1e-6
 
 
 def central_difference(function: Callable[[Floats], Floats], x: Floats, step: Floats | None = None) -> Floats:
-    """Return the derivative (k,) of a function of x (k,) by differences with a ``step`` (k,), by default from x."""
+    """Return the derivative (k,), by central differences, of a function that acts on each number of x (k,) by itself.
+
+    The ``step`` (k,) is by default 1e-6 of the largest absolute value of x, or 1e-6 if all are zero.
+    """
     if step is None:
         step = DIFFERENCE_SHARE * np.maximum(np.abs(x), np.abs(x).max(initial=0.0) or 1.0)
     return np.asarray((function(x + step) - function(x - step)) / (2 * step))
@@ -286,8 +288,8 @@ Reaction = Callable[..., Any] | str | Sequence[str]
 def reaction_rates(reaction: Any, u: Floats, points: Floats, time: float, start: float = 0.0) -> Floats:
     """Return the rates (p, channels) of a reaction for values u (p, channels) at ``points`` (p, d) and ``time``.
 
-    Raises InputError if the rates have another shape, or are not finite at the time ``start``. Raises ResolutionError
-    if the rates are not finite at a later time.
+    Raises InputError if they have another shape, or are not finite at ``start``, the time of the initial data. Raises
+    ResolutionError if they are not finite at another time. Beyond 1e100 they count as not finite.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         values = call_pointwise(reaction, (u.copy(), points), u.shape, "the reaction", time, finite=False)

@@ -34,9 +34,10 @@ class TensorOfEntries:
 
 
 def as_diffusivity(value: Any, label: str) -> Any:
-    """Return a diffusivity as the same number or function, or a tensor as a (d, d) array or a function of points.
+    """Check a diffusivity and return it: a number or function unchanged, a tensor as a (d, d) array or a function.
 
-    Raises InputError if a number is not above zero, or a constant tensor is not square, symmetric and finite.
+    Raises InputError if a number is not above zero, or a tensor is not 2 by 2 or 3 by 3, or is constant and not
+    symmetric and finite.
     """
     if callable(value):
         return value
@@ -81,8 +82,8 @@ def mean_diffusivity(diffusivity: Any, points: Floats) -> float:
     return float(np.trace(values, axis1=1, axis2=2).mean() / points.shape[1] if values.ndim == 3 else values.mean())
 
 
-def principal_values(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
-    """Return the smallest and the largest eigenvalue (n,) of tensors restricted to the tangent space.
+def principal_diffusivities(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
+    """Return the smallest (n,) and the largest (n,) eigenvalue of diffusivity tensors restricted to the tangent space.
 
     ``tensors`` (n, d, d) are symmetric, ``normals`` (n, c, d) the orthonormal normals of a curve or a surface.
     """
@@ -116,15 +117,7 @@ def _symmetric(tensors: Floats, label: str) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class StateDiffusivity:
-    """A diffusivity a(u, s, points) that depends on u and on the norm s of its tangential gradient, with derivatives.
-
-    Attributes
-    ----------
-    function : callable
-        a of u (k,); or of u and s; or of u, s and points (k, d): returns (k,).
-    by_value, by_slope : callable, optional
-        Its derivatives with respect to u and to s, of the same arguments; finite differences by default.
-    """
+    """A diffusivity a(u, s, points) that depends on u and the norm s of its tangential gradient, with derivatives."""
 
     function: Callable[..., Any]  #: a of u (k,); or of u and s; or of u, s and points (k, d): returns (k,).
     #: by_value, by_slope: Its derivatives with respect to u and to s, of the same arguments; finite differences by
@@ -135,13 +128,7 @@ class StateDiffusivity:
     needs_state: ClassVar[bool] = True
 
     def __call__(self, points: Floats) -> Floats:
-        """Raise an error, as a is not a function of points alone.
-
-        Raises
-        ------
-        SceneError
-            Always.
-        """
+        """Raise SceneError, as a is not a function of points alone."""
         del points
         raise SceneError("the diffusivity depends on u, and is not known before u is; use cpmkit.solve.")
 
@@ -149,11 +136,11 @@ class StateDiffusivity:
         """Return a (k,) at ``points`` (k, d) where u is (k,) and its tangential gradient is ``slopes`` (k, d)."""
         return self._values(self.function, u, np.linalg.norm(slopes, axis=1), points)
 
-    def tangent(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+    def flux_by_gradient(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return the derivative (k, d, d) of a grad u with respect to grad u, a I + s da/ds e e' with e along grad u.
 
-        Its eigenvalue along e is at least a small positive share of a: where a s decreases with s, the derivative
-        itself is not positive. Arguments as for :meth:`at`.
+        Its eigenvalue along e, a + s da/ds, is raised to a / 1000 where it is smaller, so that the tensor stays
+        positive. Arguments as for :meth:`at`.
         """
         s = np.linalg.norm(slopes, axis=1)
         a = self._values(self.function, u, s, points)
@@ -167,7 +154,7 @@ class StateDiffusivity:
         squares = e[:, :, None] * e[:, None, :]
         return np.asarray(a[:, None, None] * np.eye(slopes.shape[1]) + along[:, None, None] * squares)
 
-    def drift(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+    def flux_by_value(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return the derivative (k, d) of a grad u with respect to u, da/du grad u; arguments as for :meth:`at`."""
         s = np.linalg.norm(slopes, axis=1)
         if self.by_value is not None:
@@ -178,7 +165,10 @@ class StateDiffusivity:
 
     @staticmethod
     def _values(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, derivative: str = "") -> Floats:
-        """Return the values (k,) of a function of u (k,), of u and s (k,), or of u, s and ``points`` (k, d)."""
+        """Return the values (k,) of a function of u (k,), of u and s (k,), or of u, s and ``points`` (k, d).
+
+        ``derivative``, such as " by u", names a derivative in messages. Raises InputError if values are not finite.
+        """
         label = f"the derivative of the diffusivity{derivative}" if derivative else "the diffusivity"
         return call_pointwise(function, (u, s, points), u.shape, label)
 

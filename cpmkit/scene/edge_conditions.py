@@ -57,7 +57,7 @@ def _as_part(entry: Any, number: int, is_last: bool) -> Part:
     """Return the part ``number`` of the edge given as a condition or as a pair (condition, where).
 
     Raises SceneError if it has no condition, if it holds everywhere and is not the last one, or if ``where`` is neither
-    a formula nor a function, or depends on t.
+    a formula that parses nor a function, or depends on t.
     """
     label = f"`where` of part {number} of the edge"
     condition, where = entry if _is_pair(entry) else (entry, None)
@@ -90,9 +90,9 @@ EdgeInput = LoopConditions | Data | list[Condition | tuple[Condition | Data, Whe
 
 
 def as_edge(value: Any) -> Any:
-    """Return the conditions of an edge from any value that a scene accepts; other values unchanged.
+    """Return the argument ``edge`` of a scene as conditions: data as Dirichlet, lists of pairs as :class:`ByPosition`.
 
-    Raises SceneError if a list of parts is not accepted by :func:`_as_part`.
+    A table is converted loop by loop, other values are unchanged. Raises SceneError if a part is not accepted.
     """
     if isinstance(value, Mapping):
         return {loop: as_edge(value[loop]) for loop in sorted(value, key=str)}
@@ -125,12 +125,12 @@ def conditions_of_edge(edge: EdgeConditions) -> list[Condition]:
 
 
 def edge_structure(edge: EdgeConditions) -> Any:
-    """Return the ``where`` of the parts of each loop: the structure of an edge, which data do not change."""
+    """Return the ``where`` of the parts of each loop, by the number of the loop; replaced data do not change them."""
     return {loop: [part.where for part in conditions.parts] for loop, conditions in loops_of_edge(edge).items()}
 
 
 def map_conditions(edge: Any, function: Callable[[Condition], Condition]) -> Any:
-    """Return the conditions of an edge, each replaced by ``function(condition)``."""
+    """Return the conditions of an edge in the same tables and parts, each replaced by ``function(condition)``."""
     if isinstance(edge, Mapping):
         return {loop: map_conditions(conditions, function) for loop, conditions in edge.items()}
     if isinstance(edge, ByPosition):
@@ -164,9 +164,9 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
 
 
 def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
-    """Raise if the condition of a part by position is not among ``used``, the conditions that hold at edge samples.
+    """Check that each of several parts of a loop holds at a sample of the edge; ``used`` are the conditions that do.
 
-    Raises SceneError for the first such part.
+    Raises SceneError for the first part whose condition is not among them.
     """
     ids = {id(condition) for condition in used}
     for part, loop in parts_of_edge(edge):
@@ -180,12 +180,12 @@ def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
 
 
 def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
-    """Return the condition of edge loop number ``loop``, which has none by position."""
+    """Return the condition on all of edge loop number ``loop``. Raises SceneError if the loop has none."""
     return _conditions_of_loop(edge, loop).parts[0].condition
 
 
 def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:
-    """Return the conditions of edge ``loop``; conditions that are not given loop by loop hold on every loop.
+    """Return the conditions of edge loop number ``loop``; conditions not given loop by loop hold on every loop.
 
     Raises SceneError if the loop has none.
     """
@@ -196,10 +196,10 @@ def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:
 
 
 def sample_edge_point(source: ClosestPointSource, part: Part, parts: ByPosition) -> Floats:
-    """Return a point (1, d) of the edge of ``source`` at which the data of its ``part`` can be evaluated.
+    """Return a point (1, d) at which the data of a ``part`` of the edge of ``source`` are evaluated to count channels.
 
-    The point is in ``part``, one of ``parts``, if the closest points of a few points around the bounds include one
-    that is, since data may be undefined elsewhere.
+    It is the closest point to a query around the bounds: in ``part``, one of ``parts``, if some closest point is, since
+    data may be undefined elsewhere; or else on the edge; or else anywhere on the manifold.
     """
     bounds = np.asarray(source.bounds, dtype=np.float64)
     queries = [*product(*bounds.T), bounds.mean(axis=0)]

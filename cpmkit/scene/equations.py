@@ -125,7 +125,8 @@ class Equation(Generic[Family]):
     def __post_init__(self) -> None:
         """Replace formulas by functions, and check the fields by their declared types.
 
-        Raises InputError if a field is not accepted, or the equation is conservative without a velocity.
+        Raises InputError if a field is not accepted, or the equation is conservative without a velocity; SceneError if
+        a formula does not parse.
         """
         read_formulas(self, self.kind)
         for member in fields(self):
@@ -143,7 +144,7 @@ class Equation(Generic[Family]):
     def terms(self) -> Terms:
         """Return the terms of the equation, or of its spatial part if it has a time derivative.
 
-        The fields with the names of terms are these; ``kappa`` is the diffusivity.
+        They are the fields of the same names; a field ``kappa`` is the diffusivity.
         """
         own = {"diffusivity" if name == "kappa" else name: value for name, value in vars(self).items()}
         return Terms(**{member.name: own[member.name] for member in fields(Terms) if member.name in own})
@@ -153,7 +154,7 @@ class Equation(Generic[Family]):
         """Time of the initial data; None for equations without time."""
         return getattr(self, "t0", None)
 
-    def factors_up_to(self, multigrid: bool) -> float:
+    def direct_solver_limit(self, multigrid: bool) -> float:
         """Return the largest number of unknowns for the direct solver, in units of that for a single definite system.
 
         ``multigrid`` says whether the form has multigrid, to which the direct solver is then compared.
@@ -165,7 +166,7 @@ class Equation(Generic[Family]):
         return str(self.terms())
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Raise if the equation does not accept one of ``conditions``, pairs of the name of a place and its condition.
+        """Check that the equation accepts all ``conditions``, pairs (name of the place in messages, condition).
 
         Raises
         ------
@@ -178,7 +179,7 @@ class Equation(Generic[Family]):
                 raise SceneError(f"{label}: {condition.kind!r} {refusal}; {self.accepted}.")
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return the data with one value for each channel, each after its name in error messages."""
+        """Return pairs (name in messages, data) of f and the initial data, which have a value for each channel."""
         initial = {"initial": "the initial data", "initial_rate": "the initial rate"}
         own = [(label, getattr(self, name)) for name, label in initial.items() if hasattr(self, name)]
         return [("the right-hand side f", self.terms().f), *own]
@@ -256,7 +257,8 @@ class Elliptic(Equation):
     Raises
     ------
     InputError
-        If a constant diffusivity is not positive or not symmetric, or c is neither a finite number nor a function.
+        If a diffusivity is a number not above zero or a constant tensor that is not symmetric, c is neither a finite
+        number nor a function, or the equation is conservative without a velocity.
 
     Examples
     --------

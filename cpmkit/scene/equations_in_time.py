@@ -28,32 +28,16 @@ MAX_FRAMES = 100_000
 
 
 class Evolution(Equation[TimeFamily]):
-    """Base class of equations in time.
+    """Base class of equations in time."""
 
-    Attributes
-    ----------
-    until, step : float
-        End time, and time step.
-    t0 : float
-        Start time.
-    scheme : str
-        Name of the time stepping scheme.
-    frames : int or sequence of float
-        Times at which solutions are stored.
-    after_step : callable, optional
-        Function that changes the values after each step.
-    rest : float, optional
-        Rate of change below which the run ends, in the unit of time to the power -1.
-    """
-
-    until: float
-    step: float
-    scheme: str
-    schemes: ClassVar[tuple[str, ...]]
-    frames: int | Sequence[float]
-    after_step: AfterStep | None = None
-    rest: float | None = None
-    t0: float = 0.0
+    until: float  #: End time.
+    step: float  #: Time step.
+    scheme: str  #: Name of the time stepping scheme.
+    schemes: ClassVar[tuple[str, ...]]  #: The accepted names.
+    frames: int | Sequence[float]  #: Times of stored solutions, or the number of equal intervals between them.
+    after_step: AfterStep | None = None  #: Function that changes the values after each step.
+    rest: float | None = None  #: Relative change in a unit of time below which the run ends.
+    t0: float = 0.0  #: Start time.
     family: ClassVar[str] = "time"
     #: With multigrid, or the diagonal for short steps, factors are faster on a sphere with 3,400 unknowns from 40 steps
     #: on, with 6,000 from 60, with 10,000 from 260.
@@ -65,18 +49,15 @@ class Evolution(Equation[TimeFamily]):
         return self.until - self.t0
 
     def with_scheme(self, explicit_steps: bool) -> Self:
-        """Return the equation with ``scheme="auto"`` replaced; by an explicit scheme only if ``explicit_steps``."""
+        """Return the equation unchanged; a class that has the scheme "auto" replaces it as ``explicit_steps`` says."""
         del explicit_steps
         return self
 
     @cached_property
     def frame_times(self) -> tuple[float, ...]:
-        """Times of the frames in ascending order.
+        """Times of the frames in ascending order, with the start if ``frames`` is a number of intervals.
 
-        Raises
-        ------
-        InputError
-            If ``frames`` is neither a number of intervals nor a list of times of the run, or there are too many.
+        Raises InputError if it is neither such a number nor a list of times of the run, or there are too many.
         """
         accepted = (
             f"frames of {self.kind} must be a number of equal parts of the time or a list of times from {self.t0:g} to "
@@ -94,9 +75,9 @@ class Evolution(Equation[TimeFamily]):
         return tuple(times)
 
     def __post_init__(self) -> None:
-        """Convert times to floats, and check the times, the scheme, the coefficients, the frames and ``after_step``.
+        """Convert times to floats, and check all fields.
 
-        Raises InputError if an argument is not accepted, or kappa, c or the velocity depends on t.
+        Raises InputError if a field is not accepted, or kappa, c or the velocity depends on t.
         """
         super().__post_init__()
         for name, accept in (("t0", number), ("until", number if self.t0 else positive), ("step", positive)):

@@ -1,4 +1,4 @@
-"""Laws: the standard forms to which conditions are reduced for discretisation; forms use no class of conditions.
+"""Laws: the standard relations to which conditions are reduced; discretisations use laws, and no class of conditions.
 
 Every condition has one law. A law on one side is ``alpha du/db + beta u = datum`` with b the conormal out of
 that side; terms that depend on the solution (lambda u, a nonlinear flux) are not part of this relation.
@@ -15,30 +15,16 @@ from cpmkit.types import Floats
 
 
 class _Law:
-    """Base class of laws.
+    """Base class of laws."""
 
-    Attributes
-    ----------
-    families : tuple of str
-        The families of equations that accept the law.
-    needs : str
-        Why other families do not accept it, as a predicate whose subject is the condition.
-    couples : bool
-        Whether the law couples both sides of a boundary.
-    involves_value : bool
-        Whether the law is a linear relation with u in it, not only its derivative.
-    data_fields : dict
-        Names of the fields that are data, with their names in messages.
-    factor_fields : tuple of str
-        Names of the fields that are parameters other than data.
-    """
-
+    #: The families of equations that accept the law.
     families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "coupled")
+    #: Why other families do not accept it, as a predicate whose subject is the condition.
     needs: ClassVar[str] = "says nothing of Lap u"
-    couples: ClassVar[bool] = False
-    involves_value: ClassVar[bool] = False
-    data_fields: ClassVar[dict[str, str]] = {}
-    factor_fields: ClassVar[tuple[str, ...]] = ()
+    couples: ClassVar[bool] = False  #: Whether the law couples both sides of a boundary.
+    involves_value: ClassVar[bool] = False  #: Whether it is a linear relation with u in it, not only its derivative.
+    data_fields: ClassVar[dict[str, str]] = {}  #: Names of the fields that are data, with their names in messages.
+    factor_fields: ClassVar[tuple[str, ...]] = ()  #: Names of the fields that are parameters other than data.
 
     @property
     def data(self) -> list[tuple[str, Data]]:
@@ -146,7 +132,10 @@ class Spectral(_Law):
 
 @dataclass(frozen=True, eq=False)
 class Nonlinear(_Law):
-    """The law du/db = flux(u), or flux(u, points); Newton's method starts at u = ``guess`` on the boundary."""
+    """The law du/db = flux(u), or flux(u, points), with ``slope`` its derivative by u.
+
+    Newton's method starts at u = ``guess`` on the boundary.
+    """
 
     flux: Callable[..., Any]
     slope: Callable[..., Any] | None = None
@@ -201,8 +190,8 @@ Law = OneSided | Interface
 
 
 def beta_at(law: OneSided, points: Floats, label: str) -> Floats:
-    """Return beta (n,) of a law at ``points`` (n, d) of a boundary, in the scene's coordinates.
+    """Return the factor beta (n,) of u in a law at ``points`` (n, d) of a boundary, in the scene's coordinates.
 
-    ``label`` is the name of the condition in error messages.
+    Raises InputError if a value is not finite; ``label`` is the name of the condition in the message.
     """
     return evaluate_data(law.beta, points, 1, f"beta of {label}")[:, 0]

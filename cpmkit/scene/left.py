@@ -47,7 +47,7 @@ class Left:
 
 @dataclass(frozen=True, eq=False)
 class SampledBoundary:
-    """A boundary, or a member of a union, sampled with conormals whose signs agree between neighbouring samples."""
+    """A boundary, or a member of a union of sources, sampled with conormals whose signs agree between neighbours."""
 
     #: source, surface: The closest-point sources of the boundary and of the manifold.
     source: LocalSource
@@ -63,10 +63,10 @@ class SampledBoundary:
 
     @classmethod
     def of(cls, source: LocalSource, surface: LocalSource, dimension: int) -> SampledBoundary:
-        """Return the boundary with the first samples dense enough for its signs to be sure, or with the densest.
+        """Return ``source`` sampled at the first density that determines the signs of its conormals, or at the highest.
 
-        Directions that the sources do not provide are computed by differences with steps of half the spacing. The sign
-        of each connected piece agrees with the directions that the sources provide there.
+        ``dimension`` is that of the manifold. Directions that the sources do not provide are computed by differences
+        with steps of half the spacing; where they do, the sign of each connected piece agrees with theirs.
         """
         for samples, spacing in samplings(source, surface):
             tangents = None
@@ -96,10 +96,10 @@ class SampledBoundary:
         return Orientation(self.on_surface.points, self.left, self.spacing)
 
     def with_left_chosen(self, left_of: Floats | None) -> tuple[SampledBoundary, set[str]]:
-        """Return the boundary with the left of each connected piece chosen, and how it was: by "left_of", by "rule".
+        """Return the boundary with the left of each connected piece chosen, and a subset of {"left_of", "rule"}.
 
         Where the sources do not provide it, left is the side of the point ``left_of`` (d,), or else determined by a
-        rule.
+        rule; the subset tells which of these were used.
         """
         sign = np.ones(len(self.samples))
         named: set[str] = set()
@@ -116,8 +116,8 @@ class SampledBoundary:
     def _sign_by_rule(self, mask: Bools) -> float:
         """Return the factor, 1 or -1, that gives the piece with samples ``mask`` (s,) its conventional left.
 
-        The rule does not depend on the lattice. Curves with a direction of travel have the manifold's normals point
-        away from its centre; otherwise the left of a curve is inside, that of a surface outside. Where this is
+        The rule does not depend on the lattice. Curves in space with a direction of travel have the manifold's normals
+        point away from its centre; otherwise the left of a curve is inside, that of a surface outside. Where this is
         undecided, the largest component of the mean conormal, or else of the conormal at the first sample in
         lexicographic order, is positive; of a point on a curve it is negative, and left is where the curve comes from.
         """
@@ -135,9 +135,9 @@ class SampledBoundary:
         return -1.0 if decided[np.argmax(np.abs(decided))] < 0 else 1.0
 
     def _chord_cosines(self, point: Floats, pieces: Sequence[Bools]) -> Floats:
-        """Return the cosine between left and the chord to ``point`` (d,) for each piece, at its sample nearest to it.
+        """Return for each of ``pieces`` (masks of samples) the cosine between left and the chord to ``point`` (d,).
 
-        For the nearest piece it is computed at the closest point of ``point`` on the boundary.
+        The chord begins at the sample of the piece nearest to ``point``; on the nearest piece, at the closest point.
         """
         goal = self.surface.closest_point(point[None]).points[0]
         distance = norms(self.on_surface.points - goal)
@@ -150,7 +150,7 @@ class SampledBoundary:
         return dots(unit(goal - on_surface.points), left)
 
     def side_points(self) -> Floats:
-        """Return a point on the left and one on the right (2, d), each at a tenth of the boundary's size from it."""
+        """Return points (2, d) on the left and on the right, a tenth of the boundary's size from it, for messages."""
         middle = len(self.samples) // 2
         size = float(np.ptp(self.source.bounds, axis=0).max()) or self.spacing
         steps = 0.1 * size * np.array([[1.0], [-1.0]]) * self.left[middle]
@@ -158,7 +158,10 @@ class SampledBoundary:
 
 
 def samplings(source: LocalSource, surface: LocalSource) -> Iterator[tuple[ClosestPoints, float]]:
-    """Yield samples of a source and the distance between them, from coarse to dense; a single point is sampled once."""
+    """Yield samples of the ``source`` of a boundary and their spacing, from coarse to dense; a single point once.
+
+    Neighbouring samples are at most about a spacing apart; for a single point it is 1/64 of the size of ``surface``.
+    """
     size = float(np.ptp(source.bounds, axis=0).max())
     if not size > 0:  # a single point
         yield source.closest_point(source.bounds.mean(axis=0)[None]), float(np.ptp(surface.bounds, axis=0).max()) / 64

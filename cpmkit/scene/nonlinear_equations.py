@@ -30,7 +30,7 @@ class QuasilinearEquation(Equation):
     method: str = field(default="newton", kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the method too."""
+        """Check the fields as for any equation, and the method. Raises InputError if it is not accepted."""
         super().__post_init__()
         if self.method not in METHODS:
             raise InputError(f"method of {self.kind} must be {' or '.join(METHODS)}, got {shown(self.method)}.")
@@ -93,7 +93,7 @@ class NonlinearDiffusion(QuasilinearEquation):
     Raises
     ------
     InputError
-        If the diffusivity is not a function, or the method or c is not accepted.
+        If the diffusivity is neither a formula nor a function, or the method or c is not accepted.
 
     Examples
     --------
@@ -115,7 +115,7 @@ class NonlinearDiffusion(QuasilinearEquation):
     kind: ClassVar[str] = "nonlinear-diffusion"
 
     def __post_init__(self) -> None:
-        """Replace formulas by functions, and check the arguments."""
+        """Replace formulas by functions; raise InputError if the diffusivity is neither a formula nor a function."""
         super().__post_init__()
         for name in ("diffusivity", "by_value", "by_slope"):
             if isinstance(getattr(self, name), str):
@@ -220,7 +220,7 @@ class TotalVariation(QuasilinearEquation):
     uniform_penalty: ClassVar[bool] = True
 
     def terms(self) -> Terms:
-        """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
+        """Return the terms, with the right-hand side c f and a diffusivity that needs u, a ``StateDiffusivity``."""
 
         def scaled(points: Floats) -> Floats:
             """Return c f (n, channels) at points (n, d)."""

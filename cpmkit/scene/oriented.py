@@ -71,10 +71,11 @@ class OrientedBoundary:
         return left_conormals(self.source, self.surface, self.left.signs, on_surface, feet, step)
 
     def tangents(self, feet: ClosestPoints, on_surface: ClosestPoints, left: Floats, step: float) -> Floats:
-        """Return the unit tangents (n, d) of a curve in its direction of travel; ``left`` is :meth:`leftward` there.
+        """Return the unit tangents (n, d) of a boundary curve in its direction of travel.
 
-        A curve without tangents travels with ``left`` on its left as seen from the tip of the manifold's normals, which
-        without signs of their own point away from its centre.
+        ``feet`` and ``on_surface`` are returned by :meth:`feet`, ``left`` by :meth:`leftward`. A source without
+        tangents travels with ``left`` on its left, seen from the tip of the manifold's normals, which point away from
+        the manifold's centre if its source has none.
         """
         if self.source.knows_directions(1):
             return unit_tangents(self.source, feet, step)
@@ -134,9 +135,9 @@ class OrientedBoundary:
 
 
 def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
-    """Return ``boundary`` with its orientation in the manifold ``surface``, relative to the centre of its bounds.
+    """Return ``boundary`` with its orientation in the manifold ``surface``, relative to the centre of its own bounds.
 
-    Raises SceneError if the boundary has the wrong dimension, or conditions for sides that it does not have.
+    Raises SceneError if its dimension does not fit, or its conditions need a left side that is missing or undetermined.
     """
     origin: Floats = np.asarray(boundary.source.bounds, dtype=np.float64).mean(axis=0)
     source, manifold = localize(boundary.source, origin), localize(surface, origin)
@@ -180,9 +181,9 @@ def dimension_along(name: str, source: LocalSource, surface: LocalSource, dimens
 def _find_left(oriented: OrientedBoundary, origin: Floats) -> Left:
     """Return the left side of a boundary that has sides, without ``queries``; sources are relative to ``origin`` (d,).
 
-    Nothing is computed where the sources provide all directions. Otherwise the boundary is sampled more and more
-    densely until the conormals of neighbours agree; signs are propagated from sample to sample, and the sign of each
-    connected piece that remains free is chosen by ``left_of`` or by a rule.
+    If the sources provide all directions, only ``left_of`` is compared with them. Otherwise the boundary is sampled
+    more and more densely until the conormals of neighbours agree; signs are propagated from sample to sample, and
+    ``left_of`` or a rule chooses the sign of each connected piece where the sources provide none.
     """
     boundary, source, manifold = oriented.boundary, oriented.source, oriented.surface
     if source.has_left or not oriented.missing_directions:
@@ -214,9 +215,10 @@ def _find_left(oriented: OrientedBoundary, origin: Floats) -> Left:
 
 
 def _check_sides(oriented: OrientedBoundary) -> None:
-    """Raise if a boundary has different conditions on its sides and has no left side, or only a rule determines it.
+    """Check that a boundary whose conditions couple or differ has a left side, determined by more than a rule.
 
-    Raises SceneError in these cases, and if ``left_of`` is on the right by the sources' own directions.
+    Raises SceneError if not, or if ``left_of`` is on the right by the sources' own directions; where an exchange of the
+    sides changes nothing, any left side is accepted.
     """
     boundary = oriented.boundary
     on_left, on_right = boundary.condition("left"), boundary.condition("right")

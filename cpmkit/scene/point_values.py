@@ -23,7 +23,8 @@ def point_value_warnings(
     """Return a warning if values are prescribed at points and the solution has no limit for small spacings; else ().
 
     In two dimensions a point has capacity zero for equations of second order: u behaves like the logarithm of the
-    distance to it. A single value is well posed where it fixes a free constant and the total source is zero.
+    distance to it. A single value is well posed where it fixes the constant up to which u is determined, and the total
+    source is zero.
     Equations of fourth order, and the p-Laplacian for p > 2, have limits.
 
     ``points`` maps the name of each boundary without sides to its number of points, 2 for two or more; ``samples`` are
@@ -55,8 +56,8 @@ def point_value_warnings(
 def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: float, least: float) -> tuple[str, ...]:
     """Return a warning if values are prescribed on curves of a surface smaller than ``least``; else ().
 
-    Such a curve acts as one of that size. ``sizes`` maps the name of each boundary that is a curve to the diagonal
-    of its bounds.
+    Such a curve acts as a hole of size ``least``, the smallest that ``spacing`` resolves. ``sizes`` maps the name of
+    each boundary that is a curve to the diagonal of its bounds.
     """
     if scene.surface.manifold_dim != 2:
         return ()

@@ -131,7 +131,10 @@ class Scene(Generic[Family]):
 
     @cached_property
     def channels(self) -> int:
-        """Number of right-hand sides that are solved together: the largest number of channels of any data."""
+        """Number of right-hand sides that are solved together: the largest number of channels of any data.
+
+        Raises SceneError if other data have a number that is neither 1 nor this.
+        """
         counts = []
         for label, data, place in self._data():
             count = getattr(data, "channels", None)
@@ -179,7 +182,7 @@ class Scene(Generic[Family]):
         Raises
         ------
         SceneError
-            If the boundary has the wrong dimension, or conditions for sides that it does not have.
+            If its dimension does not fit, or its conditions need a left side that is missing or undetermined.
         """
         if id(boundary) not in self._oriented:  # the scene keeps its boundaries alive
             self._oriented[id(boundary)] = orient(boundary, self.surface)
@@ -226,10 +229,10 @@ def _point_of(source: ClosestPointSource) -> Floats:
 
 
 def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | None) -> Scene:
-    """Return the scene with another ``problem`` and other ``data``; see :meth:`cpmkit.preparing.Prepared.solve`.
+    """Return the scene with another ``problem``, unless it is None, and other data of its conditions.
 
-    Raises SceneError if the scene has no boundary with the name of data, or a new condition differs in more than its
-    data.
+    ``data`` has them by the name of the boundary or "edge"; see :meth:`cpmkit.preparing.Prepared.solve`. Raises
+    SceneError if the scene has no such boundary, or a new condition differs in more than its data.
     """
     if problem is None and not data:
         return scene

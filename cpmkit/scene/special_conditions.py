@@ -51,7 +51,7 @@ class Transmission(Condition):
     kind: ClassVar[str] = "transmission"
 
     def __post_init__(self) -> None:
-        """Check that the conductivities are above zero and the resistance is not below."""
+        """Raise InputError if a constant conductivity is not above zero, or the resistance is below zero."""
         super().__post_init__()
         for side in ("left", "right"):
             conductivity = getattr(self, side)
@@ -134,7 +134,7 @@ class NonlinearFlux(Condition):
     Raises
     ------
     InputError
-        If the flux or its slope is not callable.
+        If the flux or its slope is not callable, or the guess not a finite number.
 
     Examples
     --------
@@ -155,7 +155,7 @@ class NonlinearFlux(Condition):
     law_kind: ClassVar[type] = Nonlinear
 
     def __post_init__(self) -> None:
-        """Check that the flux and its slope are functions, and convert the guess to a float."""
+        """Check that the flux and its slope are functions, convert the guess to a float; raise InputError if not."""
         for name, optional in (("flux", False), ("slope", True)):
             function = getattr(self, name)
             if not callable(function) and not (optional and function is None):

@@ -48,7 +48,7 @@ class VertexData:
     values: Any
 
     def __post_init__(self) -> None:
-        """Check that the source interpolates values, and convert the values to an array with one row per vertex."""
+        """Convert the values to an array, one row per vertex; raise InputError for a wrong source or wrong values."""
         if not isinstance(self.source, HasValues):
             raise InputError(
                 f"The source {type(self.source).__name__} carries no values; per-vertex data belong to a mesh, a "
@@ -97,8 +97,8 @@ class VertexArrays:
     def in_fields(self, instance: Any, label: str) -> Any:
         """Return an equation or a condition with arrays replaced by vertex data; the same result for the same object.
 
-        Raises SceneError if an array has neither one row per vertex nor few channels, or may be both; ``label`` is the
-        name of the equation or condition.
+        Raises SceneError if an array has neither one row per vertex nor few channels, or may be both, and InputError if
+        its values are not finite; ``label`` is the name of the equation or condition.
         """
         if not hasattr(instance, "__dataclass_fields__"):
             return instance
@@ -113,8 +113,7 @@ class VertexArrays:
     def _datum(self, array: Any, label: str) -> Any:
         """Return an ``array`` with one row per vertex as :class:`VertexData`; other data unchanged.
 
-        Raises SceneError if the array has neither one row per vertex nor few channels, or may be both; ``label`` is its
-        name.
+        Raises SceneError or InputError as :meth:`in_fields`; ``label`` is the name of the array.
         """
         if not isinstance(array, np.ndarray) or array.ndim == 0 or array.shape in TENSOR_SHAPES:
             return array
@@ -193,7 +192,7 @@ class PointSource(Functional):
         return int(self.strength.shape[1])
 
     def values(self, form: Any) -> Floats:
-        """Return for each test function the sum (n, channels) over the points of its value times the strength."""
+        """Return the sum (n, channels) over the points of the strength times the value of each of n test functions."""
         loads = np.asarray(form.rows(self.at).T @ self.strength)
         return loads if loads.shape[1] == form.scene.channels else np.repeat(loads, form.scene.channels, axis=1)
 
@@ -249,7 +248,10 @@ class Divergence(Functional):
     __rmul__ = __mul__
 
     def values(self, form: Any) -> Floats:
-        """Return -scale times the integral of X . grad phi for each test function phi, repeated for all channels."""
+        """Return -scale times the integral of X . grad phi (n, channels) for n test functions, equal in all channels.
+
+        Raises InputError if the function does not return finite vectors.
+        """
         points = form.points
         is_field = getattr(self.of, "points", None) is points  # any other function may write to its argument
         values = np.asarray(self.of(points if is_field else points.copy()), dtype=np.float64)

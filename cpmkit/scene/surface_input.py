@@ -39,7 +39,7 @@ def as_source(mesh: Any) -> Any:
     Raises
     ------
     SceneError
-        If a mesh has no faces, or cells that are not faces.
+        If a mesh has solids or other cells that are not accepted, or has no faces and is not a point cloud.
     """
     if callable(getattr(mesh, "closest_point", None)):
         return mesh

@@ -33,26 +33,28 @@ from cpmkit.types import Floats
 def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
     """Return the keyword arguments of ``vector_field`` from the tables [[direction]] and [vectors].
 
-    Raises SceneError if there is no direction, or a key or value is not accepted.
+    Files are searched first in ``folder``. Raises SceneError if there is no direction, or a key or value is not
+    accepted.
     """
-    options = _options(tables, "vectors")
+    options = _application_options(tables, "vectors")
     pairs = [_direction(table, number, scene, folder) for number, table in list_of_tables(tables, "direction")]
     if not pairs:
         raise SceneError("a scene of vectors needs directions; write one [[direction]] at least.")
     return {**options, "directions": pairs}
 
 
-def _options(tables: Mapping[str, Any], command: str) -> dict[str, Any]:
-    """Return the table of options of an application; raise SceneError if it has an unknown key."""
+def _application_options(tables: Mapping[str, Any], command: str) -> dict[str, Any]:
+    """Return the table of options of the application of ``cpmkit COMMAND``; raise SceneError for an unknown key."""
     options = as_table(tables.get(command, {}), f"[{command}]")
     check_accepted(f"[{command}]", options, tuple(APPLICATIONS[command].options))
     return options
 
 
 def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -> tuple[Any, Any]:
-    """Return the places and the vectors of [[direction]] ``number``: points and vectors, or a curve and its directions.
+    """Return the pair (places, vectors) that the ``table`` [[direction]] ``number`` describes.
 
-    Raises SceneError if a key or value is not accepted.
+    It is points and their vectors, or a curve and its direction, or a curve and a table of the directions left and
+    right of it. Raises SceneError if a key or value is not accepted.
     """
     where, dim = f"[[direction]] {number}", scene.surface.dim
     if "at" in table:
@@ -92,7 +94,7 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
     if "target" not in tables:
         raise SceneError("a scene of a map needs the table [target], whose kind says where the map goes.")
     target = read_source(as_table(tables["target"], "[target]"), folder, "[target]")
-    options = _options(tables, "map")
+    options = _application_options(tables, "map")
     for key, name, source, count in (
         ("initial", "surface", scene.surface, target.dim),
         ("texture", "target", target, None),
@@ -143,7 +145,10 @@ def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[
 
 
 def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
-    """Return the colours of one side of a curve, as ``diffusion_curves`` takes them; None for zero flux."""
+    """Return the colours on a side of a curve, as ``diffusion_curves`` takes them; None for zero flux.
+
+    Raises SceneError for a table that describes neither a formula nor zero flux.
+    """
     if isinstance(value, dict):
         if value == {"neumann": 0}:
             return None
@@ -159,7 +164,7 @@ def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
 
 
 def _points(value: Any, dim: int, label: str) -> Floats:
-    """Return a point, or a list of points, as an array (n, dim)."""
+    """Return a point, or a list of points or vectors, as an array (n, dim). Raises InputError for another shape."""
     is_point = is_sequence(value) and not any(map(is_sequence, value))
     return as_points([value] if is_point else value, dim, label)
 
@@ -177,7 +182,7 @@ def load_application(path: str | Path, command: str) -> SceneFile:
 def _application_file(command: str, tables: dict[str, Any], path: Path) -> SceneFile:
     """Return the contents of the ``tables`` of a scene file for the application of ``cpmkit COMMAND``.
 
-    Raises SceneError if a table, key or value is missing or not accepted.
+    Raises SceneError if a table, key or value is missing or not accepted; PluginError if a kind is not installed.
     """
     if "problem" in tables:
         raise SceneError(f"`cpmkit {command}` has its own equation; leave out [problem].")

@@ -28,7 +28,10 @@ CONDITIONS: dict[str, Any] = {kind.kind: kind for kind in (Dirichlet, Neumann, R
 
 
 def read_side(key: str, value: Any, dim: int, where: str) -> Any:
-    """Return the value of a boundary's ``key``: the point ``left_of``, a transmission, or the condition on a side."""
+    """Return the ``value`` of the ``key`` of a [[boundary]]: of ``left_of`` unchanged, of other keys as a condition.
+
+    ``across`` is a transmission without a kind. Raises errors as :func:`read_condition`.
+    """
     if key == "left_of":
         return value
     if key != "across":
@@ -40,17 +43,17 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
 
 
 def _read_keys(table: dict[str, Any], dim: int, where: str) -> dict[str, Any]:
-    """Return a table of data with formulas replaced by functions."""
+    """Return a table of data with formulas replaced by functions; raise SceneError for values that are not data."""
     return {key: read_data(value, dim, f"{key} of {where}") for key, value in table.items()}
 
 
 def read_condition(table: Any, dim: int, where: str) -> Condition:
     """Return the condition that a table describes.
 
-    A number, a formula or a list of them is a Dirichlet condition. A table has the kind as a key, with the datum as
-    its value; for the condition of a plugin it has ``kind = NAME`` and the keys of that kind. It may also have an
-    ``order``. Raises SceneError if the kind or its value is not accepted. Raises PluginError if no installed plugin has
-    the kind.
+    A number, a formula or a list of them is a Dirichlet condition. A table has the kind as a key, with the datum or a
+    list of the parameters as its value; for the condition of a plugin it has ``kind = NAME`` and the keys of that kind.
+    It may also have an ``order``. Raises SceneError if the kind or its value is not accepted, InputError if a number or
+    the order is not, and PluginError if no installed plugin has the kind. ``where`` is the name in messages.
     """
     if _is_datum(table):
         return Dirichlet(read_data(table, dim, where))
@@ -76,9 +79,9 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
 
 
 def _condition_arguments(kind: str, value: Any, dim: int, where: str) -> list[Any]:
-    """Return the positional arguments of a built-in kind of condition: a single datum, or the entries of its list.
+    """Return the positional arguments of a built-in kind of condition: none, a datum, or the entries of its list.
 
-    Raises SceneError if the value is not of the form that the kind needs.
+    Raises SceneError if the value is not as the kind needs it, InputError if it has a number that is not finite.
     """
     parameters = [member for member in fields(CONDITIONS[kind]) if member.name != "order"]
     if not parameters:
@@ -102,7 +105,10 @@ def _is_datum(value: Any) -> bool:
 
 
 def read_edge(table: Any, dim: int, where: str) -> Any:
-    """Return the conditions of the edge described by ``table``, of a manifold in ``dim`` dimensions."""
+    """Return the conditions of the edge that ``table`` describes, by the number of the loop if its keys are numbers.
+
+    ``dim`` is the number of coordinates. Raises errors as :func:`read_condition`.
+    """
     if not _is_datum(table):
         table = as_table(table, where)
         if table and all(re.fullmatch(r"[0-9]{1,6}", key) for key in table):
@@ -114,7 +120,7 @@ def read_edge(table: Any, dim: int, where: str) -> Any:
 def _conditions_on_loop(table: Any, dim: int, where: str) -> Any:
     """Return the condition of an edge loop, or the list of its parts by position.
 
-    A part is a pair (condition, where), or the condition alone for the rest of the edge.
+    A part is a pair (condition, where), or the condition alone for the rest. Raises as :func:`read_condition`.
     """
     if not is_sequence(table) or not any(isinstance(entry, Mapping) for entry in table):  # data of several channels
         return read_condition(table, dim, where)
@@ -131,7 +137,8 @@ def _conditions_on_loop(table: Any, dim: int, where: str) -> Any:
 def read_data(value: Any, dim: int, where: str) -> Data:
     """Return data of a scene file: formulas as functions, numbers and vertex data unchanged, lists entry by entry.
 
-    Raises SceneError if the value is none of these, or a formula does not parse; ``where`` is its name in the message.
+    Raises SceneError if the value is none of these, or a formula in ``dim`` coordinates does not parse; InputError if a
+    number is not finite. ``where`` is the name of the value in messages.
     """
     match value:
         case str():

@@ -40,7 +40,10 @@ class Key:
 
 
 def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
-    """Return the keys of a factory or a class: its parameters other than ``*args`` and ``**keywords``."""
+    """Return the keys in scene files of the kind that a factory or class makes: its parameters by name.
+
+    Their types and summaries are read from its docstring; ``*args`` and ``**keywords`` are left out.
+    """
     documented = {**_documented_parameters(make, "Parameters"), **_documented_parameters(make, "Attributes")}
     keys = []
     for name, parameter in inspect.signature(make).parameters.items():

@@ -34,7 +34,7 @@ def example_files() -> dict[str, Path]:
 
 
 def example_title(file: Path) -> str:
-    """Return the first sentence of the comment at the beginning of an example, or else the title of a study."""
+    """Return the first sentence of the comment at the beginning of an example, or else its key ``title``, or ""."""
     text = file.read_text(encoding="utf-8")
     comment = []
     for line in text.splitlines():
@@ -67,7 +67,7 @@ def copy_examples(to: Path) -> Path:
 def write_first_scene(name: str) -> Path:
     """Write the first scene into the file ``name``, with ``.toml`` added if it has no suffix, and return its path.
 
-    Raises InputError if the file exists already, has another suffix, or cannot be written.
+    Raises InputError if the file exists, has another suffix, quotes or backslashes in its name, or cannot be written.
     """
     file = Path(name) if Path(name).suffix else Path(f"{name}.toml")
     if file.suffix != ".toml" or not file.stem.strip("."):

@@ -101,7 +101,7 @@ def scene_schema(command: str | None = None) -> Schema:
 
 
 def definitions() -> Schema:
-    """Return the definitions to which the schemas of tables refer: datum, condition and source.
+    """Return the definitions to which the JSON schemas of tables refer: datum, condition and source.
 
     A condition is a table with its kind as key, a plugin's ``kind = NAME``, or a datum.
     """
@@ -138,8 +138,8 @@ def scene_tables(problem_needs: bool = True) -> Schema:
         "surface": _one_of_kinds("source", {"edge": edge}),
         "boundary": {"type": "array", "items": _one_of_kinds("source", sides)},
         "problem": _one_of_kinds("equation", needs=problem_needs),
-        "discretization": _options([Options, AccuracyTarget, *FORMS.values()]),
-        "solver": _options([SolverOptions], SOLVER_KEYS, further=True),
+        "discretization": _options_schema([Options, AccuracyTarget, *FORMS.values()]),
+        "solver": _options_schema([SolverOptions], SOLVER_KEYS, further=True),
         "output": _table(
             {
                 "folder": {"description": "Where results go, inside the working directory.", "type": "string"},
@@ -168,8 +168,8 @@ def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False
 def _one_of_kinds(sort: str, more: Mapping[str, Any] = {}, needs: bool = True) -> Schema:
     """Return the JSON schema of a table whose ``kind``, one of this ``sort``, determines its other keys.
 
-    All kinds have the properties ``more`` too. ``needs`` is False if no key is required; all keys of equations are
-    data. A key ``surface`` is never required: a boundary receives the surface of its scene.
+    All kinds have the properties ``more`` too. ``needs`` is False if only ``kind`` is required. Keys of equations are
+    described as data. A key ``surface`` is never required: a boundary receives the surface of its scene.
     """
     variants = []
     for choice in (kind for kind in kinds() if kind.sort == sort):
@@ -183,7 +183,7 @@ def _one_of_kinds(sort: str, more: Mapping[str, Any] = {}, needs: bool = True) -
     return {"oneOf": variants}
 
 
-def _options(
+def _options_schema(
     declaring: Iterable[type[DeclaredOptions]], renamed: Mapping[str, str] = {}, further: bool = False
 ) -> Schema:
     """Return the JSON schema of a table with the options that the classes ``declaring`` declare.
@@ -203,7 +203,7 @@ def _options(
 
 
 def _key_schema(key: Key) -> Schema:
-    """Return the JSON schema of the value of a key."""
+    """Return the JSON schema of the value of a key; ``of`` is a source, ``members`` a list of sources."""
     if key.name == "of":
         return {"$ref": "#/definitions/source"}
     if key.name == "members":

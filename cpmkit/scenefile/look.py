@@ -81,7 +81,7 @@ class Look:
     vectors: bool = False
 
     def __post_init__(self) -> None:
-        """Check the options, and convert sequences to tuples."""
+        """Check the options, and convert sequences to tuples. Raises InputError if a value is not accepted."""
         texts_and_flags = ("title", "label", "unit", "cmap", "curves", "twins", "edges", "vectors")
         check_key_types(Look, "a picture", {name: getattr(self, name) for name in texts_and_flags})
         whole(self.width, "width in pixels", 16, 16_384)
@@ -109,14 +109,9 @@ class Look:
 
     @classmethod
     def of(cls, options: Mapping[str, Any], label: str = "a picture", also: Sequence[str] = ()) -> Self:
-        """Return the look with these ``options``.
+        """Return the look with these ``options``; ``also`` are other options that ``label`` accepts, for messages.
 
-        ``also`` are further options that ``label`` accepts, for suggestions in error messages.
-
-        Raises
-        ------
-        InputError
-            If there is no such option, or a value is not accepted.
+        Raises InputError if there is no such option, or a value is not accepted.
         """
         accepted = [field.name for field in fields(cls)]
         for name in options:
@@ -194,7 +189,7 @@ class PictureRequest(Look):
     frames: bool = False
 
     def __post_init__(self) -> None:
-        """Check the file name and the options."""
+        """Check the options; raise SceneError if the name leads out of the folder, or frames are asked of an error."""
         relative_name(self.file, "file of the picture")
         super().__post_init__()
         if self.frames and self.field != "solution":
@@ -210,7 +205,7 @@ class PictureRequest(Look):
 class OutputRequest:
     """The output folder, relative to the working directory, the files in it, their mesh ``vertices``, and a picture.
 
-    Raises SceneError if a name is not a relative path, leads out of the folder, or is too long for file systems.
+    Raises SceneError if a name is no relative path in the folder or is too long, or ``vertices`` is not accepted.
     """
 
     folder: Path
@@ -238,8 +233,8 @@ class OutputRequest:
 def relative_name(name: object, label: str) -> str:
     """Return the relative path ``name`` of a file if it stays inside the folder into which the file is written.
 
-    Raises SceneError if it is not text, is absolute, contains ``..``, or is too long for file systems; ``label`` is its
-    name.
+    Raises SceneError if it is not text, is absolute, contains ``..``, is too long, or is not valid; ``label`` is its
+    name in messages.
     """
     if not isinstance(name, str) or not name.strip(" ./\\"):
         raise SceneError(f"{label} must be a name, got {shown(name)}.")
@@ -261,9 +256,9 @@ def relative_name(name: object, label: str) -> str:
 
 
 def check_links(path: Path, folder: Path, label: str) -> None:
-    """Raise if symbolic links lead ``path`` out of a ``folder``.
+    """Check that no symbolic links lead the output ``path`` out of a ``folder``; ``label`` names it in messages.
 
-    Raises InputError in this case, or if the file system does not accept the name; ``label`` is the name of the path.
+    Raises SceneError if they do, or the working directory is gone; InputError if the file system refuses the name.
     """
     check_name(path)
     try:

@@ -70,6 +70,8 @@ def load_scene(path: str | Path) -> SceneFile:
     ------
     SceneError
         If the file is missing, does not parse, or has a key or value that is not accepted.
+    InputError
+        If a number or the order of a condition is not accepted, or an array file is missing or damaged.
     PluginError
         If no installed plugin has a kind that the file names.
     """
@@ -77,10 +79,7 @@ def load_scene(path: str | Path) -> SceneFile:
 
 
 def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
-    """Return the contents of a scene file ``path`` with these ``tables``.
-
-    Raises SceneError if a table, key or value is missing or not accepted.
-    """
+    """Return the contents of a scene file ``path`` with these ``tables``; raise errors as :func:`load_scene`."""
     for command, own in APPLICATIONS.items():
         name = next((name for name in own.tables if name in tables), None)
         if name is not None and "problem" not in tables:
@@ -98,7 +97,7 @@ def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
     """Return the scene of the tables [surface], [[boundary]] and [problem]; other tables are ignored.
 
     The tables are not changed. Files are searched first in the ``folder``. Raises SceneError if a table is missing, or
-    has a key or value that is not accepted. Raises PluginError if no installed plugin has a kind that the file names.
+    has a key or value that is not accepted, and other errors as :func:`load_scene`.
     """
     if "surface" not in tables or "problem" not in tables:
         raise SceneError("a scene needs the tables [surface] and [problem].")
@@ -144,7 +143,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
 
 @contextmanager
 def naming_table(where: str) -> Iterator[None]:
-    """Put the table's name ``where`` before the message of an InputError of the block that does not name a table."""
+    """Raise InputErrors of the block as SceneErrors that begin with a table's name ``where``; SceneErrors unchanged."""
     try:
         yield
     except InputError as error:
@@ -158,8 +157,9 @@ def read_source(
 ) -> ClosestPointSource:
     """Return the closest-point source that a table describes.
 
-    A boundary's source receives the ``surface`` as an argument if it takes one and the table does not give it. Raises
-    SceneError if the kind, a key or its value is not accepted; ``where`` is the name of the table in the message.
+    ``table`` loses its kind. A boundary's source receives the ``surface`` as an argument if it takes one and the table
+    does not give it. Raises SceneError if the kind, a key or its value is not accepted, PluginError if the kind is not
+    installed; ``where`` is the name of the table in the message.
     """
     kind = table.pop("kind", None)
     if not isinstance(kind, str):

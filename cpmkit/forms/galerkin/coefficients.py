@@ -20,7 +20,7 @@ from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.space.energy import gradients_at_samples
 from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.scene.data import evaluate_data
-from cpmkit.scene.diffusivities import evaluate_diffusivity, principal_values
+from cpmkit.scene.diffusivities import evaluate_diffusivity, principal_diffusivities
 from cpmkit.scene.equations import Terms
 from cpmkit.types import Bools, Floats, Ints
 
@@ -167,7 +167,7 @@ def check_tensor(a: Floats, normals: Floats, points: Floats) -> Floats:
     The samples are the ``points`` (k, d) in the scene's coordinates, with orthonormal ``normals`` (k, c, d). Raises
     InputError if a tensor is not; the message has its place and its extreme eigenvalues on tangents.
     """
-    least, largest = principal_values(a, normals)
+    least, largest = principal_diffusivities(a, normals)
     worst = int(np.argmin(least - SINGULAR_SHARE * largest))
     if least[worst] <= SINGULAR_SHARE * largest[worst]:
         raise InputError(

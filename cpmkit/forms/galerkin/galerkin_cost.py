@@ -53,7 +53,7 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
         iterated, problem = multigrid_applies(self.scene), self.scene.problem
         iterative = "multigrid" if iterated else "direct"
         m = largest_dim(self.scene.surface)
-        return choose_solver(target, round(unknowns), m, problem.factors_up_to(iterated), iterative)
+        return choose_solver(target, round(unknowns), m, problem.direct_solver_limit(iterated), iterative)
 
     def stored_bytes(self, work: Any) -> float:
         """Return the bytes that a solution holds, samples included, from the measures of ``work`` of its solve."""

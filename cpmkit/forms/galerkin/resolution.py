@@ -18,7 +18,7 @@ from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE
 from cpmkit.manifold.abilities import warnings_of
 from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.runtime.memory import state_without_cached
-from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, principal_values
+from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, principal_diffusivities
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats
 
@@ -150,7 +150,7 @@ class Resolution:
         points = self.coefficients.points
         tensors = evaluate_diffusivity(self.scene.problem.terms().diffusivity, points, "the diffusivity")
         normals = self.coefficients.sampled.samples.normals_at(slice(self.coefficients.sampled.interior))
-        least, largest = principal_values(tensors, normals)
+        least, largest = principal_diffusivities(tensors, normals)
         radius = 0.5 * float(np.ptp(np.asarray(self.scene.surface.bounds), axis=0).max())
         least = np.maximum(least, 0.0)  # a tensor with a negative eigenvalue is refused by the assembly
         width = radius * np.sqrt((least / largest).min())
