@@ -39,7 +39,7 @@ def solve_scene(
     progress: Progress = no_progress,
     **options: Any,
 ) -> SolutionRecord:
-    """Solve a scene as :func:`cpmkit.solve` does, but without issuing the warnings, which the solution has."""
+    """Return the solution of a scene at one spacing; it has the warnings, which are not issued. Raises CpmkitError."""
     checkpointing, rest = split_options(Checkpointing, options)
     checkpointing.check_for(scene.problem)
     started = time.perf_counter()
@@ -60,7 +60,8 @@ def solve_discretized(
     """Solve a discretised scene by the solver of its equation's family, and return the solution.
 
     ``cache`` has operators and factors of earlier solves on the same tables, ``guess`` (unknowns, channels) the first
-    iterate of iterative solvers, and ``started`` is ``time.perf_counter()`` at the start of the discretisation.
+    iterate of iterative solvers, and ``started`` is ``time.perf_counter()`` at the start of the discretisation, by
+    default now. Raises CpmkitError as the family's solver does.
     """
     started = time.perf_counter() if started is None else started
     chosen = solver_of(form, options.solver)
@@ -84,11 +85,11 @@ def solve_discretized(
 def resolve_options(
     backend: str, scene: Scene, spacing: float | None, progress: Progress, options: Mapping[str, Any]
 ) -> tuple[Callable[[], Discretized], SolverOptions, Options[Any] | None]:
-    """Check all options of a solve, and return them divided by their use.
+    """Check all options of a solve, and whether the form can discretise the scene; return what the solve needs.
 
-    These are a function without arguments that discretises the scene, the options of the linear solver, and those of
-    the forms on a lattice, or None for another back end. Raises InputError if an option is not accepted. Raises
-    PluginError if no installed plugin offers the back end.
+    These are a function without arguments that returns the discretised scene, the options of the linear solver, and
+    those of a form on a lattice, None for another back end. Raises InputError if an option is not accepted, SceneError
+    if the form cannot discretise the scene, and PluginError if no installed plugin offers the back end.
     """
     if backend != "cpm":
         label = f"the back end {backend!r}"

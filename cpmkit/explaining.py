@@ -79,7 +79,7 @@ def explain(
 def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
     """Return the size and cost of a solve, estimated from cells around the manifold and its boundaries.
 
-    Nothing is discretised. Raises ResolutionError if the solve would not fit into memory.
+    Nothing is discretised; ``solver`` is its name, or auto. Raises ResolutionError if memory would not suffice.
     """
     scene, options = model.scene, model.options
     origin = lattice_of(scene.surface, options.spacing, options.origin, model.coarsest_share).origin
@@ -110,14 +110,14 @@ def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
 
 
 def _rounded_count(count: float) -> str:
-    """Return the text "about" with a count rounded to two digits."""
+    """Return the text "about" with a count rounded to two digits, or below ten to one."""
     return f"about {float(f'{count:.1g}' if count < 10 else f'{count:.2g}'):,.0f}"
 
 
 def _with_seconds(
     explained: Explanation, scene: Scene, spacing: float, progress: Progress, options: dict[str, Any]
 ) -> Explanation:
-    """Return an explanation with the predicted seconds of a solve added, from two timed coarse solves."""
+    """Return an explanation with the predicted seconds of a solve added, from coarse solves timed on this machine."""
     given = {**options, "solver": explained.solver}
 
     def solve_timed(coarse: float) -> tuple[SolutionRecord, float]:
@@ -133,12 +133,11 @@ def _with_seconds(
 def extrapolated_cost(
     solve: Callable[[float], tuple[SolutionRecord, float]], spacing: float, unknowns: int, m: int
 ) -> float | None:
-    """Return the cost of a solve with this number of unknowns, extrapolated linearly from two coarse solves.
+    """Return the cost of a solve with ``unknowns`` at ``spacing``, extrapolated linearly from two coarse solves.
 
     None if the scene cannot be solved on coarse lattices. The coarser solve is made twice, as the first includes the
     cost of compiling and reading, which later solves do not have. ``solve`` returns the solution at a spacing and its
-    cost; ``spacing`` is that of the solve with ``unknowns`` (the finer coarse
-    solve has about 8000), and ``m`` the dimension of the manifold.
+    cost, such as seconds; ``m`` is the dimension of the manifold. The finer solve has at most about 8000 unknowns.
     """
     fine = spacing * max((unknowns / 8_000) ** (1 / max(m, 1)), TIMED_RATIO)
     try:

@@ -128,7 +128,7 @@ class Prepared(Generic[Family]):
         return solution
 
     def solved_by(self, solver: str, **options: Any) -> Prepared[Family]:
-        """Return the prepared scene with another linear solver, given by its name and options.
+        """Return the scene, discretised as here, prepared for another linear solver, given by its name and options.
 
         Its factors and multigrid levels are cached for further calls.
 

@@ -110,7 +110,7 @@ def solve(
 
 
 def for_any_backend(options: Mapping[str, Any], backend: str = "") -> dict[str, Any]:
-    """Return the options of a scene file that apply to every back end, not only to the lattice or its solver.
+    """Return the options of a scene file or study that apply to every back end, not only to a lattice or its solver.
 
     These are ``solver_tolerance``, and ``degree`` if the named ``backend`` takes it.
     """

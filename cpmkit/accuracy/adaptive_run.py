@@ -17,12 +17,13 @@ from cpmkit.accuracy.estimate import (
     measured_source_error,
     order_in_time,
     shifted_origin,
+    with_further_modes,
 )
 from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.families.eigen.solve_eigen import fewer_modes
 from cpmkit.forms.options import AccuracyTarget, lattice_options
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.modes import EigenRecord, with_further_modes
+from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Progress, no_progress
 
@@ -98,7 +99,7 @@ class AdaptiveRun:
 
     @property
     def best(self) -> TimedSolve:
-        """The solve with the smallest estimated error; the last solve if no error is known."""
+        """The solve with the scene's steps and the smallest estimated error; the last solve if no error is known."""
         known = [solve for solve in self.solves if self._has_scene_steps(solve) and np.isfinite(solve.error)]
         return min(known, key=lambda solve: solve.error) if known else self.last
 
@@ -108,7 +109,7 @@ class AdaptiveRun:
         return self.solves[-1]
 
     def with_scene_modes(self, solution: SolutionRecord) -> SolutionRecord:
-        """Return an eigenvalue solution with as many modes as the scene asks for; other solutions unchanged.
+        """Return an eigenvalue solution with as many modes as the scene asks for, others and a recipe's unchanged.
 
         Coarse solutions of eigenvalue problems have further modes.
         """
@@ -122,7 +123,7 @@ class AdaptiveRun:
         return time.perf_counter() - self.started
 
     def solve(self, purpose: Purpose, spacing: float, expected_seconds: float | None = None) -> TimedSolve:
-        """Solve at a spacing, add the solve to the list, and return it.
+        """Solve at a spacing, add the solve to the list, and return it. Raises CpmkitError as a solve does.
 
         ``expected_seconds`` is reported to the progress callback.
         """
@@ -144,9 +145,9 @@ class AdaptiveRun:
         return self.last
 
     def _timed(self, purpose: Purpose, solution: SolutionRecord, seconds: float) -> TimedSolve:
-        """Return the record of a solve, with the estimates of its error.
+        """Return the record of a solve, with the estimates of its error from a coarser solution and from it alone.
 
-        There is none if no coarser solution serves for a comparison, or the form has none.
+        An estimate is None, its error NaN, if no coarser solution serves for a comparison, or the form has none.
         """
         alone = None if self.order is not None else estimate_alone(solution)
         coarse, fine = self._coarse_solution(solution), self.with_scene_modes(solution)
@@ -164,7 +165,7 @@ class AdaptiveRun:
     def solve_first(self, spacing: float) -> TimedSolve:
         """Solve at a spacing, or at the first of nine smaller ones at which the scene can be solved; return the solve.
 
-        Raises CpmkitError if there is no such spacing, with the reason for which the first spacing was refused.
+        Raises SceneError or ResolutionError if there is none, with the reason for which the first spacing was refused.
         """
         refusal: ResolutionError | SceneError | None = None
         trials = [spacing / math.sqrt(2) ** k for k in range(10)]
@@ -214,8 +215,8 @@ class AdaptiveRun:
             self.measured_floor = measured_source_error(solution, solve, self.target.tolerance)
         return self.measured_floor
 
-    def is_like_last(self, solution: SolutionRecord, other: SolutionRecord | None = None) -> bool:
-        """Return True if a solution has the same form and options as ``other``, by default the last solution."""
+    def has_same_options(self, solution: SolutionRecord, other: SolutionRecord | None = None) -> bool:
+        """Return True if a solution has a lattice, and the form's options of ``other``, by default of the last one."""
         pair = (solution, other or self.last.solution)
         first, second = (lattice_options(each.discretized) for each in pair)
         return first is not None and second is not None and first.own == second.own
@@ -225,7 +226,7 @@ class AdaptiveRun:
         ratios = {
             solve.spacing / solution.spacing: solve.solution
             for solve in self.solves
-            if self._has_scene_steps(solve) and self.is_like_last(solve.solution, solution)
+            if self._has_scene_steps(solve) and self.has_same_options(solve.solution, solution)
         }
         near = {ratio: coarse for ratio, coarse in ratios.items() if LEAST_RATIO <= ratio <= MOST_RATIO}
         return near[min(near, key=lambda ratio: abs(ratio - BEST_RATIO))] if near else None

@@ -129,7 +129,7 @@ class Difference:
     #: eigenvalue.
     unit: Floats
     at: Floats  #: (d,): the point where the solutions differ most, in the scene's coordinates.
-    ratio: float  #: The coarser spacing over the finer one.
+    ratio: float  #: The coarser spacing over the finer one; 1 if they are equal.
 
 
 def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
@@ -146,7 +146,7 @@ def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
 def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
     """Return the difference of the solution ``fine`` from ``coarse``, at points and in the unit of ``fine``.
 
-    ``coarse`` has a larger spacing, or the same spacing and longer steps or a coarser surface.
+    ``coarse`` has a larger spacing, or the same spacing and longer steps or the flat triangles of the surface.
     """
     points, weights, values = compared_points(fine)
     ratio = coarse.spacing / fine.spacing
@@ -166,12 +166,12 @@ def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
 
 
 def error_unit(solution: SolutionRecord) -> Floats:
-    """Return the unit (channels,) of relative errors of a solution: its range at the points of comparison."""
+    """Return the unit (channels,) of relative errors of a solution: its range where it is compared, not zero."""
     return _ranges(compared_points(solution)[2])
 
 
 def _ranges(values: Floats) -> Floats:
-    """Return the range (channels,) of values (k, channels); the size if the range is rounding, 1 if that is zero."""
+    """Return the range (channels,) of values (k, channels); their size if that is rounding, 1 if all are zero."""
     extent, size = np.ptp(values, axis=0), np.abs(values).max(axis=0)
     return np.where(extent > ROUNDING_SHARE * size, extent, np.where(size > 0, size, 1.0))
 
@@ -234,7 +234,8 @@ def estimate_from(
 def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Difference) -> tuple[float, float]:
     """Return the rms and the largest error of a solution due to an eigenvalue near zero; 0 if there is none.
 
-    The error of the eigenvalue is estimated from the eigenvalue on the lattice of the ``coarse`` solution, if known.
+    They are shares of the range. The error of the eigenvalue is estimated from that of ``coarse``, if known; ``apart``
+    is the difference of the two solutions.
     """
     fine, other = solution.resonance, coarse.resonance
     if fine is None:
@@ -245,7 +246,7 @@ def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Di
 
 
 def _combine(errors: Floats, alone: ExpectedError, unit: Floats) -> Floats:
-    """Return the weighted mean (2, channels) of errors from coarse solutions and those from the solution alone.
+    """Return the weighted geometric mean (2, channels) of errors from coarse solutions and from the solution alone.
 
     ``errors`` (2, channels), root mean square and largest, are shares of ``unit``, the others in the solution's unit.
     """

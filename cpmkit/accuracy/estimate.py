@@ -23,7 +23,6 @@ from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.runtime.options import document_options
 from cpmkit.scene.equations_in_time import FIRST_ORDER_SCHEMES, Evolution
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.modes import with_further_modes
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
@@ -102,7 +101,7 @@ def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
 
 
 def order_in_time(problem: Evolution) -> int:
-    """Return the order of the time stepping scheme; 1 if a function is called after each step."""
+    """Return the order of accuracy of an equation's time stepping scheme; 1 if a function is called after each step."""
     return 1 if problem.scheme in FIRST_ORDER_SCHEMES or problem.after_step is not None else 2
 
 
@@ -112,9 +111,8 @@ def measured_source_error(
     """Return the error due to the source of the manifold, as a share of the solution's range; 0 for eigenvalues.
 
     The form estimates it from areas. If the estimate is above ``negligible`` and the source is a mesh read as smooth,
-    the scene is also solved on the flat triangles, since solutions differ by less than areas do.
-
-    The ``solution`` is a coarse one, as the further solve costs as much; ``solve`` solves a scene on its lattice.
+    the scene is also solved on the flat triangles, since solutions differ by less than areas do. The ``solution`` is a
+    coarse one, as the further solve costs as much; ``solve`` solves a scene on its lattice.
     """
     if solution.has_modes:
         return 0.0
@@ -145,10 +143,7 @@ def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
 
 
 def check_estimable(form: Discretized) -> None:
-    """Raise if differences between solutions of this form do not measure their errors.
-
-    Raises InputError in this case, with the reason.
-    """
+    """Raise InputError, with the reason, if differences between solutions of this form do not measure their errors."""
     reason = form.diagnosis().no_estimate
     if reason:
         raise InputError(f"The error of this solution has no estimate. {reason}")
@@ -166,7 +161,7 @@ def with_estimate(solution: SolutionRecord, how: bool | str | None, options: Map
 
 
 def coarse_solver(options: Mapping[str, Any]) -> SolveAt:
-    """Return the function that solves with the given options of ``solve``, on a shifted lattice."""
+    """Return the function that solves a scene at a spacing with the ``options`` of ``solve``, on a shifted lattice."""
     given = {name: value for name, value in options.items() if name not in ("spacing", "origin")}
 
     def solve_at(scene: Scene, spacing: float) -> SolutionRecord:
@@ -176,8 +171,19 @@ def coarse_solver(options: Mapping[str, Any]) -> SolveAt:
     return solve_at
 
 
+def with_further_modes(scene: Scene) -> Scene:
+    """Return the scene to be solved at other spacings for comparison: an eigenvalue problem asks for 6 further modes.
+
+    Close modes may come in another order there. A scene with any other problem is unchanged.
+    """
+    problem: Any = scene.problem
+    if problem.family != "eigen":
+        return scene
+    return replace(scene, problem=replace(problem, count=problem.count + 6))
+
+
 def shifted_origin(scene: Scene, spacing: float, number: int = 1) -> Floats:
-    """Return a node (d,) of the lattice of coarse solution ``number``, shifted so that no two lattices share nodes."""
+    """Return a node (d,) of the lattice of coarse solution ``number``, shifted so that lattices do not share nodes."""
     shift = number * np.array(SHIFT)[: scene.surface.dim] % 1.0
     return np.asarray(np.asarray(scene.surface.bounds).mean(axis=0) + spacing * shift)
 

@@ -92,15 +92,10 @@ Recipe = Callable[[float, Any], SolutionRecord]
 def solve_to_target(
     scene: Scene, target: AccuracyTarget, progress: Progress, options: Mapping[str, Any]
 ) -> SolutionRecord:
-    """Solve at several spacings until the target is met or cannot be met.
+    """Solve at several spacings until the target is met or cannot be met, and return the solution.
 
-    Raises InputError if an option needs a spacing to be given. Raises CpmkitError as ``solve`` does, where no spacing
-    serves.
-
-    Returns
-    -------
-    Solution
-        With its estimate, its history, and a warning where the tolerance was not reached.
+    It has its estimate, its history, and a warning where the tolerance was not reached. Raises InputError if an option
+    needs a spacing to be given. Raises CpmkitError as ``solve`` does, where no spacing serves.
     """
     _check(scene, options)
     given = {name: value for name, value in options.items() if name != "origin"}
@@ -200,7 +195,7 @@ def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float 
 
 
 def answer_of(run: AdaptiveRun) -> SolutionRecord:
-    """Search for the spacing of the target, and return the answer with its estimate and history."""
+    """Search for the spacing at which the target is met; return the solution there with its estimate and history."""
     status, aim = search_spacing(run)
     best = run.last if status in ("reached", "floor") else run.best
     answer, estimate = run.with_scene_modes(best.solution), best.estimate
@@ -276,7 +271,7 @@ def _summary(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> 
 
 def _chosen_degree(run: AdaptiveRun, best: TimedSolve) -> str:
     """Return a sentence on the degree that was chosen; "" if none was, or the best solve has another degree."""
-    if not run.chosen_options or not run.is_like_last(best.solution):  # the last solve has the degree that was chosen
+    if not run.chosen_options or not run.has_same_options(best.solution):  # the last solve has the chosen degree
         return ""
     return (
         f"degree {run.chosen_options['degree']} was chosen: on smooth surfaces that are known exactly it reaches "

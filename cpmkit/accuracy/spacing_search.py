@@ -89,7 +89,7 @@ def _first_factor(run: AdaptiveRun) -> float:
 
 
 def _refine(run: AdaptiveRun) -> None:
-    """Solve at smaller spacings until the tolerance or a limit is reached, or the error no longer falls."""
+    """Solve at smaller spacings, for up to three answers, until the tolerance or a limit is reached or errors stay."""
     aim = _reachable_tolerance(run)
     if _takes_cubic_splines(run, aim):
         run.chosen_options["degree"] = run.last.solution.discretized.traits.higher_degree
@@ -119,8 +119,8 @@ def _refine(run: AdaptiveRun) -> None:
 def _takes_cubic_splines(run: AdaptiveRun, tolerance: float) -> bool:
     """Return whether a tolerance is reached sooner with splines of a higher degree.
 
-    This holds only where it was measured: neither a degree nor a memory is given, the manifold is a smooth closed
-    surface that is known exactly, and the error falls at its expected order.
+    This holds only where it was measured: neither a degree nor a memory is given, the equation is a Poisson equation,
+    the manifold is known exactly, and the error falls at its expected order.
     """
     form = run.last.solution.discretized
     return bool(
@@ -208,7 +208,7 @@ def observed_order(run: AdaptiveRun) -> float:
 
 
 def _prior_order(run: AdaptiveRun) -> float:
-    """Return the order of the last estimate; without an estimate, that of the form."""
+    """Return the order of the last estimate; without an estimate, that of the run, or else of the form."""
     estimate = run.last.estimate
     if estimate is not None:
         return estimate.order
@@ -217,11 +217,11 @@ def _prior_order(run: AdaptiveRun) -> float:
 
 def _comparable(run: AdaptiveRun) -> list[TimedSolve]:
     """Return the solves with the options of the last solve whose errors are known, the finest last."""
-    return [solve for solve in run.solves if np.isfinite(solve.error) and run.is_like_last(solve.solution)]
+    return [solve for solve in run.solves if np.isfinite(solve.error) and run.has_same_options(solve.solution)]
 
 
 def first_spacing(scene: Scene) -> float:
-    """Return the spacing of the first solve, for a number of unknowns that depends on the manifold's dimension."""
+    """Return the spacing of the first solve: for 35 to 400 unknowns, by the manifold's dimension, or less."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     m = surface.largest_dim
     counted = unknowns_at_unit_spacing(surface, 2, 100)  # in few blocks, as closest points may be expensive
@@ -251,10 +251,7 @@ def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
 
 
 def check_memory(run: AdaptiveRun) -> None:
-    """Raise if the last, coarse solve needs more memory than the target allows.
-
-    Raises ResolutionError in this case, with the memory that it needs.
-    """
+    """Raise ResolutionError, with the memory needed, if the last, coarse solve needs more than the target allows."""
     needed, target = sum(_needed_bytes(run, run.last.unknowns)), run.target.memory
     if target is not None and needed > target:
         raise ResolutionError(
@@ -264,7 +261,7 @@ def check_memory(run: AdaptiveRun) -> None:
 
 
 def _last_two(run: AdaptiveRun) -> tuple[TimedSolve, TimedSolve]:
-    """Return the next coarser solve than the last, and the last solve."""
+    """Return the latest solve that is coarser than the last one, and the last solve."""
     fine = run.last
     return next(solve for solve in reversed(run.solves) if solve.spacing > 1.1 * fine.spacing), fine
 
@@ -278,7 +275,7 @@ def _seconds_line(run: AdaptiveRun) -> tuple[float, float]:
 def _most_in_time(run: AdaptiveRun) -> float:
     """Return the number of unknowns for which the remaining time suffices; infinite without a time limit.
 
-    A solve at twice the spacing for comparison is included.
+    A solve at twice the spacing for comparison is included, unless the last solve serves for it.
     """
     if run.target.seconds is None:
         return np.inf

@@ -86,9 +86,9 @@ class SolvingKeywords(TargetKeywords, PreparingKeywords, CheckpointingKeywords, 
 
 
 def _path(value: Any, label: str) -> Path | None:
-    """Return ``value`` as the path of a file; None if it is None or empty.
+    """Return the option ``value`` as the path of a checkpoint; None if it is None or empty.
 
-    Raises InputError if the value is not a path; ``label`` is its name in the message.
+    Raises InputError if it is not a path, or not an accepted name; ``label`` is the name of the option.
     """
     if value is None or value == "":
         return None
@@ -151,7 +151,7 @@ class OperatorCache:
         return {"entries": {}, "shares_preconditioner": self.shares_preconditioner, "shared": {}}
 
     def get(self, key: Hashable, make: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the cached value of ``key``, or else ``make(*arguments)``, which is then cached.
+        """Return the cached value of ``key``, or else ``make(*arguments)``, which is then cached; four values are kept.
 
         ``make`` must be no closure: if memory runs out, a closure would keep the tables of the form alive.
         """
@@ -162,9 +162,9 @@ class OperatorCache:
 
 
 def operator_key(terms: Terms) -> Hashable:
-    """Return a key that is equal for equations with the same operator: all terms but f.
+    """Return the key of an equation's operator in a cache: all terms of the equation but f.
 
-    Functions and arrays are compared by identity.
+    Functions and arrays are equal only if they are the same object.
     """
     parts = terms.c, terms.diffusivity, terms.velocity, terms.conservative, terms.lumped
     return tuple(_IdentityKey(part) if callable(part) or isinstance(part, np.ndarray) else part for part in parts)
@@ -185,7 +185,7 @@ class _IdentityKey:
 
 @dataclass(frozen=True, eq=False)
 class PreparedSystem:
-    """An operator with its prepared solver, and the constant functions that are taken out of its systems."""
+    """An operator with its prepared solver, and the constant functions that are separated from its solutions."""
 
     operator: Operator
     solver: PreparedSolver
@@ -194,18 +194,18 @@ class PreparedSystem:
     def solve(
         self, b: Any, tolerance: float, guess: Any = None, progress: Progress = no_progress
     ) -> tuple[Any, SolveReport]:
-        """Return the solution u (n, channels) and the report, as :meth:`ConstantFunctions.solve` does."""
+        """Return u (n, channels) with ``A u = b`` and the report, as :meth:`ConstantFunctions.solve` does."""
         return self.constants.solve(self.solver, b, tolerance, guess, progress)
 
 
 def with_border(form: Discretized, stiffness: Stiffness) -> Operator:
-    """Return the operator A, bordered if there are pieces on which no condition or term determines a constant."""
+    """Return the operator A, bordered if on a piece of the manifold no condition or term determines a constant."""
     free = form.free_constants(stiffness)
     return stiffness if free is None else Bordered(stiffness, free)
 
 
 def times_mass(form: Discretized, u: Floats) -> Floats:
-    """Return M u for u (n, k), with the mass matrix M of the form; u itself if the form has none."""
+    """Return M u (n, k) for u (n, k) and the mass matrix M of the form; u itself if the form has none."""
     return u if form.mass is None else form.mass.apply(u)
 
 
@@ -215,7 +215,7 @@ class SolveContext:
 
     discretized: Discretized  #: The scene on the unknowns of a form.
     solver: LinearSolver  #: The solver of linear systems.
-    solver_name: str  #: Name of the linear solver: "direct", "reference" or the name of a plugin's solver.
+    solver_name: str  #: Name of the linear solver: a built-in one, such as "direct", or a plugin's.
     tolerance: float  #: Relative residual of each linear solve.
     progress: Progress  #: ``progress(stage, fraction)``.
     started: float  #: ``time.perf_counter()`` at the start of the solve.
@@ -233,9 +233,9 @@ class SolveContext:
         return self.discretized.scene
 
     def prepare(self, operator: Operator) -> PreparedSolver:
-        """Return the prepared solver of systems with ``operator``, using the form's multigrid levels.
+        """Return the prepared solver of systems with ``operator``, which gets the form's multigrid levels if it can.
 
-        With ``cache.shares_preconditioner``, the preconditioner of an earlier operator of the same size is used.
+        With ``cache.shares_preconditioner``, the preconditioner of the first unsymmetric operator of this size is used.
         """
         lender = self.cache.shared.get(operator.size)
         if lender is not None:
@@ -264,15 +264,15 @@ class SolveContext:
         return SolveReport(self.solver_name, converged, iterations, products, residual, self.tolerance, reason)
 
     def common_fields(self, operator: Operator, report: SolveReport, built: float) -> dict[str, Any]:
-        """Return the fields of a solution that all families fill alike; ``built`` is the time when the solve began."""
+        """Return the fields of a solution that all families fill alike; ``built`` is the time after the assembly."""
         form, seconds = self.discretized, {"build": built - self.started, "solve": time.perf_counter() - built}
         return {"discretized": form, "report": report, "work": form.work(operator, report), "seconds": seconds}
 
 
 def surely_positive(form: FormValues) -> bool:
-    """Return whether the operator of the scene's equation surely has no eigenvalue below zero.
+    """Return True if the signs of the data show that the continuous operator has no eigenvalue below zero.
 
-    It has none if there is no velocity, c is nowhere negative and all conditions are dissipative.
+    They do if there is no velocity, c is nowhere negative and all conditions are dissipative.
     """
     terms = form.scene.problem.terms()
     if terms.velocity is not None or float(form.data_at_points(terms.c, "the factor c").min(initial=0.0)) < 0:

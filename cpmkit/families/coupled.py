@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 
 
 def solve_coupled(context: SolveContext) -> SolutionRecord:
-    """Assemble and solve the system of all channels, and return the solution.
+    """Assemble and solve the system of all channels of coupled equations, and return the solution.
 
-    Raises InputError or SceneError if the coupling is not accepted, or the solution is not unique. Raises
-    ConvergenceError if the solver does not reach the tolerance.
+    Raises InputError if the coupling is not accepted, and SceneError if the form has none or the solution is not
+    unique. Raises ConvergenceError if the solver does not reach the tolerance.
     """
     form, problem = context.discretized, cast("Coupled", context.scene.problem)
     require(form, "coupled channels")
@@ -77,11 +77,10 @@ def _coupling_at_points(problem: Coupled, form: Discretized) -> Floats:
 
 
 def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> None:
-    """Raise if C v vanishes on a whole piece for constant channels v (k,), which are then not determined there.
+    """Raise SceneError if on a piece of the manifold no condition or term determines constant channels v (k,).
 
-    ``coupling`` (p, k, k) is C at the form's points.
-
-    Raises SceneError in this case.
+    That is so if nothing fixes a constant of a single channel there, and C v = 0 on the whole piece. ``coupling``
+    (p, k, k) is C at the form's points.
     """
     free = form.free_constants(stiffness)
     if free is None:
@@ -100,7 +99,7 @@ def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> 
 
 
 def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) -> CsrOperator:
-    """Return the operator of all channels, from that of one channel and C (p, k, k) at the form's points."""
+    """Return the operator of all channels, from ``stiffness`` of one and ``coupling`` C (p, k, k) at the points."""
     from scipy.sparse import bsr_array
 
     channels = coupling.shape[1]
@@ -165,9 +164,9 @@ class BiharmonicRecord(SolutionRecord):
 def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
     """Assemble and solve the system of a biharmonic problem, and return its solution.
 
-    Where c is zero and a constant is free on a piece of the manifold, the solution has mean zero there. Raises
-    InputError if c is not zero and the linear solver does not solve complex systems. Raises ConvergenceError if the
-    solver does not reach the tolerance.
+    Where c is zero and no condition fixes a constant on a piece of the manifold, the solution has mean zero there.
+    Raises InputError if c is not zero and the linear solver does not solve complex systems, SceneError if the form has
+    no second Laplacian, and ConvergenceError if the solver does not reach the tolerance.
     """
     problem, form = cast("Biharmonic", context.scene.problem), context.discretized
     require(form, "second Laplacian")
@@ -181,7 +180,7 @@ def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
     r = form.condition_load(stiffness)
     q = form.load(problem.f) + form.condition_load(stiffness, of="laplacian")
     built = time.perf_counter()
-    solve_pair = _solve_coupled if problem.c else _solve_in_turn
+    solve_pair = _solve_as_complex_system if problem.c else _solve_in_turn
     u, v, report, imbalances = solve_pair(context, stiffness, problem.c, r, q)
     warnings = (*form.warnings(), *(text for defect in imbalances for text in defect.warnings))
     common = context.common_fields(stiffness, report, built)
@@ -192,11 +191,11 @@ def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
 _Pair = tuple[Floats, Floats, SolveReport, tuple[Imbalance, ...]]
 
 
-def _solve_coupled(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
-    """Solve ``K u - M v = r`` and ``c M u + K v = q`` as one complex system; return u, v and the report.
+def _solve_as_complex_system(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
+    """Solve ``K u - M v = r`` and ``c M u + K v = q`` for c > 0; return u, v, the report and no imbalances.
 
     ``stiffness`` is K; M is the mass matrix of equations in time, since for large c the consistent mass matrix leaves
-    some unknowns undetermined.
+    some unknowns undetermined. Raises ConvergenceError if the solver does not reach the tolerance.
     """
     s, mass = float(np.sqrt(c)), context.discretized.mass_in_time
     system = context.cache.get(("complex", s), context.prepare_system, ComplexShift(stiffness, s, mass))
@@ -208,7 +207,7 @@ def _solve_coupled(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
 def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
     """Solve ``K v = q``, then ``K u = r + M v``, for c = 0; return u, v, the report and the imbalances of f.
 
-    On pieces where a constant is free, u has mean zero.
+    ``stiffness`` is K. On pieces where no condition fixes a constant, u has mean zero. Raises ConvergenceError.
     """
     del c  # is zero
     form = context.discretized
@@ -224,15 +223,15 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
 
 
 def _prepare_laplacian(context: SolveContext, stiffness: Stiffness) -> PreparedSystem:
-    """Return the prepared system of K, bordered on pieces where a constant is free."""
+    """Return the prepared system of ``stiffness`` K, bordered on pieces where no condition fixes a constant."""
     return context.prepare_system(with_border(context.discretized, stiffness))
 
 
 def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """Return u with mean zero on free pieces, and v with the mean there that balances the fluxes of u at the edge.
+    """Return u (n, channels) and v (n, channels) corrected on the pieces where no condition fixes a constant.
 
-    ``K v = q`` leaves the mean of v free, and ``K u = r + M v`` has a solution for only one mean, which is computed
-    from the imbalance of the second system. A piece is free if no condition or term fixes a constant on it.
+    u gets mean zero there, and v the mean that balances the fluxes of u at the edge: ``K v = q`` does not determine it,
+    and ``K u = r + M v`` has a solution for only one mean, which follows from the imbalance of that system.
     """
     border = operator.border
     u, means = border.remove_means(u)

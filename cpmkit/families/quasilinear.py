@@ -112,9 +112,9 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
 def _in_total(
     context: SolveContext, last: SolutionRecord, reports: Sequence[SolveReport], name: str, steps: int
 ) -> SolutionRecord:
-    """Return the ``last`` solution of an iteration with the counts of all its linear solves, and all its seconds.
+    """Return the ``last`` solution of an iteration with the counts of all linear solves, and the seconds of all steps.
 
-    ``name`` is that of the iteration, which converged in so many ``steps``.
+    ``reports`` are those of the linear solves; ``name`` and the number of ``steps`` are added to the reason.
     """
     report = replace(
         last.report,
@@ -129,17 +129,17 @@ def _in_total(
 
 
 def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = None) -> SolutionRecord:
-    """Return the solution of the linear steady problem with ``terms``, from the initial guess ``guess`` (n, 1)."""
+    """Return the solution of the scene with a linear equation of these ``terms``, from the ``guess`` u (n, 1)."""
     scene = replace(context.scene, problem=_FrozenEquation(terms))
     form = context.discretized.with_scene(scene)
     return solve_steady(replace(context, discretized=form, guess=guess, cache=OperatorCache()))
 
 
 def _converge(steps: Steps, problem: QuasilinearEquation, u: Floats, taken: _Steps, share: float) -> Floats:
-    """Step from u (n, 1) until a step changes u by at most a ``share`` of its range, and return u (n, 1).
+    """Take steps from u (n, 1) until one changes u by at most a ``share`` of its range, and return u (n, 1).
 
-    The steps are appended to those ``taken``. Lagged steps converge slowly. Raises ConvergenceError if no step up to
-    the largest number of steps changes u so little.
+    The steps are appended to the list ``taken``. Raises ConvergenceError if no step up to the largest number of steps
+    changes u so little, or a step fails.
     """
     method, state, form = problem.method, steps.state(u), steps.context.discretized
     step = steps.newton_step if method == "newton" else steps.lagged_step
@@ -164,7 +164,8 @@ def _converge(steps: Steps, problem: QuasilinearEquation, u: Floats, taken: _Ste
 def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float | None:
     """Return the energy that the solution minimises: the integral of its density, and terms quadratic and linear in u.
 
-    ``u . A u / 2`` contains half of ``a |grad u|^2``, which is replaced by the density. None if no density is known.
+    ``u . A u / 2`` contains half of ``a |grad u|^2``, which is replaced by the density. None if no density is known, or
+    the form has no quadrature.
     """
     form, u = steps.context.discretized, state.u
     slopes = form.gradient(u)[:, 0]
@@ -178,14 +179,13 @@ def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float |
 
 
 def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext], SolutionRecord]) -> SolutionRecord:
-    """Solve a steady scene with fluxes that depend on the solution, and return the solution.
+    """Solve a steady scene with fluxes that depend on u by Newton's method, and return the solution.
 
-    Raises SceneError if the scene has several channels, or the fluxes do not fix a free constant. Raises
+    Raises SceneError if the scene has several channels, or the fluxes do not fix a constant. Raises
     ResolutionError if a flux grows with u faster than the spacing resolves. Raises ConvergenceError if Newton's method
     does not converge.
 
-    ``context``: the context, with the discretised scene.
-    ``solve_linear``: solves a scene whose conditions are linear.
+    ``solve_linear`` is the solver of the equation's family, for linear conditions.
     """
     scene, form = context.scene, context.discretized
     if scene.channels > 1:
@@ -213,9 +213,9 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
 
 
 def _check_balance(solution: SolutionRecord) -> None:
-    """Raise if the data of a solution had to be changed because the fluxes do not fix a free constant.
+    """Raise SceneError if f had to be changed on a piece of the manifold where the fluxes do not fix a constant.
 
-    Raises SceneError in this case, with a point of the piece on which the constant is free.
+    The message has a point of this piece.
     """
     for defect in solution.imbalances:
         if defect.of == "data" and defect.relative > defect.explained:

@@ -31,7 +31,7 @@ class State:
     b: Floats  #: (n, 1): the right-hand side b(u).
     #: (n, 1): b - A u, without the part for which there is no solution on pieces where a constant is free.
     residual: Floats
-    border: Border | None  #: The pieces where a constant is free.
+    border: Border | None  #: The pieces where no condition or term fixes a constant; None without any.
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Steps:
         return replace(self.terms, diffusivity=StateDependentCoefficient(self.law.at, u, scale))
 
     def _scale_at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
-        """Return the penalty scale (k,) at each of k points, as a function with the arguments of a diffusivity."""
+        """Return the penalty scale (k,) at each of k points; the arguments are those of a diffusivity that varies."""
         del slopes, points
         assert self.penalty_scale is not None
         return np.full(len(u), self.penalty_scale)
@@ -75,7 +75,7 @@ class Steps:
     def newton_step(self, state: State) -> tuple[State, SolveReport]:
         """Return the state after a step of Newton's method with a line search, and the report of its linear solve.
 
-        Raises ConvergenceError if no step length reduces the residual.
+        Raises ConvergenceError if no step length reduces the residual enough, or a linear solve fails.
         """
         form = self.context.discretized
         scale = self.law.at if self.penalty_scale is None else self._scale_at
@@ -106,10 +106,11 @@ class Steps:
         ) from refusal
 
     def _solve(self, tangent: Stiffness, state: State, drift: Operator | None = None) -> tuple[Floats, SolveReport]:
-        """Return the solution (n, 1) of the linear system of a step with ``tangent + drift``, and the report.
+        """Return the change of u (n, 1) in a step, and the report of the linear solve with ``tangent`` alone.
 
-        The right-hand side is the residual of ``state``. On pieces where a constant is free, the solution has mean
-        zero.
+        The system has the matrix ``tangent + drift``, and as right-hand side the residual of ``state``. The change has
+        mean zero where no condition fixes a constant. If GMRES does not converge, ``drift`` is left out. Raises
+        ConvergenceError if the solve with ``tangent`` fails.
         """
         context, border = self.context, state.border
         operator: Operator = tangent if border is None else Bordered(tangent, border)
@@ -139,5 +140,5 @@ class Steps:
 
 
 def _size(residual: Floats, weights: Any) -> float:
-    """Return the norm of a residual (n, 1), with ``weights`` (n, 1) of the squares."""
+    """Return the Euclidean norm of a residual (n, 1), its squares weighted by ``weights`` (n, 1)."""
     return float(np.sqrt(np.sum(weights * residual**2)))

@@ -40,7 +40,7 @@ def assemble(form: Discretized) -> LinearSystem:
 
 
 def _prepare_system(context: SolveContext) -> tuple[Stiffness, PreparedSystem]:
-    """Return the operator A of a steady problem, and its system, bordered where a constant is free."""
+    """Return the operator A of a steady problem, and its prepared system, bordered where constants are undetermined."""
     form = context.discretized
     stiffness = form.stiffness(form.scene.problem.terms())
     return stiffness, context.prepare_system(with_border(form, stiffness))
@@ -99,7 +99,7 @@ def _solve_system(context: SolveContext, system: PreparedSystem, b: Floats) -> t
 
 
 def squared_wavenumber(terms: Terms) -> float:
-    """Return k^2 of an equation -Lap u - k^2 u = f of standing waves; 0 for other equations."""
+    """Return k^2 of an equation -a (Lap u + k^2 u) = f of standing waves with constant a; 0 for other equations."""
     varies = (
         callable(terms.c) or callable(terms.diffusivity) or not isinstance(terms.diffusivity, (int, float, np.number))
     )
@@ -132,11 +132,12 @@ def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
 
 
 def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) -> tuple[list[str], Resonance | None]:
-    """Return warnings, and the eigenvalue nearest to zero or None if it is not computed.
+    """Return a list of warnings, and the record of the eigenvalue nearest to zero, None if it is not computed.
 
-    There is a warning if the error of the eigenvalue may determine the solution u (n, channels). The eigenvalue is
-    computed by inverse iteration from plane waves; one more step from u gives the part of u in its modes. It is not
-    computed where c and the conditions cannot make the energy negative.
+    There is a warning if the eigenvalue's error may determine the solution u (n, channels), or the solver, that of the
+    equation, does not converge. The eigenvalue is computed by inverse iteration from plane waves; one more step from u
+    gives the part of u in its modes. It is computed only for linear steady problems without a velocity whose c or
+    conditions may make the energy negative.
     """
     form = context.discretized
     terms = context.scene.problem.terms()
@@ -177,9 +178,9 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
 
 
 def _resonance(form: Discretized, gap: float, square: float, part: Floats, u: Floats) -> Resonance:
-    """Return the record of an eigenvalue at the distance ``gap`` from zero, with squared wavenumber ``square``.
+    """Return the record of the eigenvalue nearest to zero, at the distance ``gap``, with its estimated error.
 
-    ``part`` (n, channels) is the part of the solution u (n, channels) in its modes.
+    ``square`` is the squared wavenumber, and ``part`` (n, channels) the part of u (n, channels) in its modes.
     """
     bounds = np.asarray(form.scene.surface.bounds, dtype=np.float64)
     error = form.traits.dispersion.error(square, form.spacing, 0.5 * float((bounds[1] - bounds[0]).max()))
@@ -191,7 +192,7 @@ def _resonance(form: Discretized, gap: float, square: float, part: Floats, u: Fl
 
 
 def _plane_waves(form: Discretized) -> Callable[[Floats], Any]:
-    """Return a sum of six plane waves in random directions, as a function of points (n, d) with equal channels.
+    """Return a sum of six plane waves in random directions, as a function of points (n, d) to (n, channels).
 
     Their wavelength is that of the equation, but at most twice the size of the manifold.
     """

@@ -36,10 +36,7 @@ class RowGroups:
         return cls(label, order, np.cumsum(members) - members)
 
     def at(self, values: Any) -> Any:
-        """Return for each row its group's entry of ``values`` (groups, ...).
-
-        The result is (n, ...), or (1, ...) if there is a single group.
-        """
+        """Return for each row its group's entry of ``values`` (groups, ...): (n, ...), or (1, ...) for one group."""
         return values if len(self.starts) == 1 else values[self.label]
 
     def sums(self, rows: Any) -> Any:
@@ -69,16 +66,16 @@ ROUNDING_SHARE = 4 * np.finfo(float).eps
 class ConstantFunctions:
     """The functions of an operator's unknowns that are constant, and the solution of systems with these separated."""
 
-    #: (n, c): K, functions that are constant or zero; each connected component of A has coefficients of its own for
+    #: (n, k): K, functions that are constant or zero; each connected component of A has coefficients of its own for
     #: them.
     functions: Floats
-    images: Any  #: (n, c): A K.
-    sizes: Floats  #: (pieces, c): ``K' |diag A| K`` of each component: the size of ``K' A K`` without cancellation.
+    images: Any  #: (n, k): A K.
+    sizes: Floats  #: (pieces, k): ``K' |diag A| K`` of each component: the size of ``K' A K`` without cancellation.
     pieces: RowGroups  #: The connected components of A.
 
     @classmethod
     def of(cls, operator: Operator, functions: Floats) -> ConstantFunctions:
-        """Return the constant ``functions`` (n, c) of an operator with their images."""
+        """Return the constant ``functions`` (n, k) of an operator A with their images A K."""
         pieces = RowGroups.of(*operator.pieces())
         sizes = pieces.sums(np.abs(operator.diagonal) * functions**2)
         return cls(functions, operator.apply(functions), sizes, pieces)
@@ -94,10 +91,8 @@ class ConstantFunctions:
         """Return u (n, channels) with ``A u = b``, and a report whose residual is relative to ``b - A K c``.
 
         Where rounding errors of b exceed ``tolerance`` times the norm of ``b - A K c``, the report's residual is scaled
-        so that ``tolerance`` corresponds to the rounding errors. Raises ConvergenceError as ``prepared.solve`` does.
-
-        ``prepared``: solver for A.
-        ``b``, ``tolerance``, ``guess``, ``progress``: as for ``prepared.solve``.
+        so that ``tolerance`` corresponds to the rounding errors. ``prepared`` is the solver for A; the other parameters
+        are those of its ``solve``. Raises ConvergenceError as ``prepared.solve`` does.
         """
         each, at = self.pieces, self.pieces.at
         # By powers of two, so that squares of b neither overflow nor vanish.
@@ -129,11 +124,11 @@ class ConstantFunctions:
         return (v * at(np.ldexp(1.0, level)) + self._constant(shares)) * at(np.ldexp(1.0, exponent)), report
 
     def _constant(self, shares: Any) -> Any:
-        """Return K c (n, channels) for c (pieces, c, channels)."""
+        """Return K c (n, channels) for the coefficients c (pieces, k, channels) of the k constant functions."""
         return np.einsum("nk,nkc->nc", self.functions, self.pieces.at(shares))
 
     def _separate(self, b: Any) -> tuple[Any, Any]:
-        """Return c (pieces, c, channels), and ``b - A K c`` (n, channels).
+        """Return the least squares solution c (pieces, k, channels) of ``A K c = b``, and ``b - A K c`` (n, channels).
 
         c solves the normal equations of each component; a second step corrects the rounding of the first.
         """
@@ -146,7 +141,7 @@ class ConstantFunctions:
         return shares, rest
 
     def cancellation_warnings(self, b: Floats, u: Floats) -> tuple[str, ...]:
-        """Return a warning if the mean of the solution u (n, channels) is a quotient of two sums that cancel.
+        """Return a warning in a tuple if the mean of u (n, channels) is a quotient of two sums that cancel; else ().
 
         The numerator is the sum of b; the denominator ``K' A K`` is taken as cancelled where its digits are lost, or
         where the resulting mean is larger than the range of u.

@@ -17,7 +17,7 @@ from cpmkit.types import Floats
 
 @inlined
 def _row_product(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
-    """Return the scalar product of x with the entries from k to ``stop``.
+    """Return the scalar product of a vector x with the entries from k to ``stop``, a part of a row of a matrix.
 
     Four sums are formed: additions to a single sum would wait for each other.
     """
@@ -60,7 +60,7 @@ def step(
     move: Floats,
     out: Floats,
 ) -> None:
-    """Update ``move`` and ``out`` (n, channels) in the rows from ``start`` to ``stop`` by one step of an iteration.
+    """Update ``move`` and ``out`` (n, channels) in the rows from ``start`` to ``stop`` by one step for ``A x = b``.
 
     ``move`` becomes ``momentum move + factor D^-1 (b - A x)`` and ``out`` becomes ``x + move``; ``inverse`` (n,) is the
     diagonal of D^-1.
@@ -136,9 +136,9 @@ def multiply(
 
 @compiled
 def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[Any, Any, Any]:
-    """Return pointers, columns and entries of the upper half of a matrix whose rows are unsorted.
+    """Return pointers, columns and entries of the upper half of a square matrix, whose rows may be unsorted.
 
-    Each row begins with the diagonal. The entries have the type of the empty array ``entries``.
+    Each row begins with the diagonal, also if that is zero. The entries have the type of the array ``entries``.
     """
     n = len(indptr) - 1
     pointers = np.empty(n + 1, dtype=np.uint64)
@@ -190,7 +190,7 @@ def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: 
 def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: Floats, x: Floats) -> None:
     """Update x and its residual ``rest`` = b - A x, both (channels, n), by a backward Gauss-Seidel sweep.
 
-    Equations are solved from the last to the first, where ``inverse`` (n,), of the diagonal, is not zero. A is
+    Equations are solved from the last to the first, except where ``inverse`` (n,), 1 / diagonal or 0, is zero. A is
     symmetric and given by its upper half.
     """
     unit = np.uint64(1)
@@ -214,7 +214,7 @@ def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: F
 def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Floats, x: Floats) -> None:
     """Update x (channels, n) by a forward Gauss-Seidel sweep for ``A x = b``; ``b`` (channels, n) is overwritten.
 
-    Equations are solved from the first to the last, where ``inverse`` (n,), of the diagonal, is not zero. A is
+    Equations are solved from the first to the last, except where ``inverse`` (n,), 1 / diagonal or 0, is zero. A is
     symmetric and given by its upper half.
     """
     unit = np.uint64(1)

@@ -40,10 +40,9 @@ class Cholesky:
 
 
 def cholesky(matrix: csr_array) -> Cholesky | None:
-    """Return the dense Cholesky factor of a small symmetric matrix; None if sparse factors are needed.
+    """Return the dense Cholesky factor of a small symmetric matrix; None if it has none or sparse factors are faster.
 
-    They are needed if the matrix is large, sparse, complex (complex shifts are symmetric, not Hermitian), or not
-    positive definite.
+    It has none if it is not positive definite, or complex (complex shifts are symmetric, not Hermitian).
     """
     n = matrix.shape[0]
     sparse = matrix.nnz < 0.08 * n * n  # as of curves
@@ -58,11 +57,11 @@ def cholesky(matrix: csr_array) -> Cholesky | None:
 
 
 def factorize_matrix(matrix: csr_array, symmetric_pattern: bool, pivot_share: float = PIVOT_SHARE) -> Any:
-    """Return SuperLU's factors of a matrix.
+    """Return SuperLU's factors of a sparse matrix.
 
-    With ``symmetric_pattern``, for a diagonal with usable pivots as that of a positive symmetric part, the elimination
-    order is that of a symmetric matrix, and the factors have half as many entries. A diagonal entry is the pivot if it
-    is at least ``pivot_share`` of the largest entry of its column. Raises RuntimeError if a pivot is zero.
+    ``symmetric_pattern`` is for a symmetric sparsity pattern and a positive symmetric part, whose diagonal entries can
+    be pivots: the elimination order is that of a symmetric matrix, the factors have half as many entries, and a
+    diagonal entry is the pivot from ``pivot_share`` of its column's largest on. Raises RuntimeError if a pivot is zero.
     """
     from scipy.sparse.linalg import splu
 
@@ -113,7 +112,7 @@ class BorderedFactors:
 
 
 def factorize_operator(operator: Operator) -> Any:
-    """Return the factors, with a method ``solve``, of an operator, with its border if it has one.
+    """Return the factors, with a method ``solve``, of an operator and its border, if it has one.
 
     Raises RuntimeError if the matrix is singular.
     """
@@ -137,7 +136,7 @@ def _dense_or_sparse_factors(matrix: csr_array, operator: Operator) -> Any:
 
 
 def pinned_matrix(operator: Bordered) -> csr_array:
-    """Return A with s added to the diagonal of one unknown of each piece on which constants are free.
+    """Return A with s added to the diagonal of one unknown of each piece of the border, where A fixes no constant.
 
     It is regular, as ``A + s F W`` is, and sparse.
     """

@@ -23,7 +23,7 @@ from cpmkit.types import Floats, Progress, no_progress
 class KrylovSolver(ABC):
     """An operator with an iteration, ready to solve."""
 
-    operator: Operator  #: A, with its border where constants are free.
+    operator: Operator  #: A, with its border where it fixes no constant.
     #: object with a method ``apply`` and an attribute ``products``: the preconditioner of A: ``apply(b)`` returns an
     #: approximate solution x (n, channels) of ``A x = b`` with so many products with A; for conjugate gradients it is
     #: symmetric and positive. None if the iteration has none.
@@ -41,7 +41,7 @@ class KrylovSolver(ABC):
 
     @abstractmethod
     def correct(self, residual: Any, target: Floats, most: int, progress: Progress) -> tuple[Any, int, int]:
-        """Return an approximate solution x (n, k) of ``A x = residual``, the iterations, and the products with A.
+        """Return an approximate solution x (n, k) of ``A x = residual``, and the numbers of iterations and of products.
 
         The iteration stops when the norm of each column's residual is below its ``target`` (k,), or after ``most``
         iterations. Raises IndefiniteError if A or the preconditioner turns out to be indefinite, and the iteration
@@ -54,7 +54,7 @@ class KrylovSolver(ABC):
         """Return u (n, channels) with ``A u = b``, and a report.
 
         Raises ConvergenceError if a channel's recomputed residual is above the tolerance, or the system turns out to be
-        indefinite.
+        indefinite, for the ``fallback`` too if there is one.
         """
         try:
             return self._solve(b, tolerance, guess, progress)
@@ -73,7 +73,8 @@ class KrylovSolver(ABC):
         """Return u (n, channels) with ``A u = b``, and a report, without the fallback.
 
         Each round computes the true residual and corrects the channels in which it is above the tolerance. The rounds
-        end when rounding limits the residual: when `stalled_rounds` of them have not halved it.
+        end without any such channel, after ``max_iterations``, or if rounding limits the residual: when
+        ``stalled_rounds`` of them have not halved it. Raises ConvergenceError as :meth:`solve` does.
         """
         size = np.linalg.norm(b, axis=0)
         u = np.zeros_like(b) if guess is None else guess.copy()
@@ -124,7 +125,7 @@ def conjugate_gradients(
     progress: Progress,
     slack: float = 1.0,
 ) -> tuple[Floats, int]:
-    """Return an approximate solution x (n, channels) of ``A x = residual``, and the iterations of conjugate gradients.
+    """Return an approximate solution x (n, channels) of ``A x = residual``, and the number of conjugate gradient steps.
 
     A channel is finished when the norm of its residual r is below its ``target`` (channels,) and ``(r, M r)^(1/2)``, in
     which large entries of A do not hide the error, has fallen by the same factor times ``slack``. The iteration stops
@@ -172,15 +173,12 @@ def gmres(
     most: int,
     progress: Progress,
 ) -> tuple[Any, int]:
-    """Return an approximate solution x (n, channels) of ``A x = residual`` by GMRES, and the iterations.
+    """Return an approximate solution x (n, channels) of ``A x = residual`` by GMRES, and the number of iterations.
 
     It stops when the residual of every channel is below its ``target`` (channels,), or after ``most`` iterations. One
-    vector (n, channels) is stored for each iteration. A and the preconditioner may be indefinite, real or complex.
-
-    Notes
-    -----
-    Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986), preconditioned from the right, so that the residual that it
-    minimises is that of the equations.
+    vector (n, channels) is stored for each iteration. A and the preconditioner may be indefinite, real or complex. The
+    method is that of Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986), preconditioned from the right, so that it
+    minimises the residual of the equations.
     """
     start = np.linalg.norm(residual, axis=0)
     basis = [_over(residual, start)]
@@ -215,7 +213,7 @@ def _over(vectors: Any, norms: Floats) -> Any:
 
 @dataclass(frozen=True)
 class ReferenceSolver:
-    """The solver: BiCGSTAB as in King et al. (2024), section 5.4, with at most ``max_iterations`` iterations.
+    """The solver ``reference``: BiCGSTAB as in King et al. (2024), section 5.4, up to ``max_iterations`` iterations.
 
     Faster solvers are measured against it: its iterations double when the spacing halves. The paper preconditions by
     the diagonal of A, which is the same in every row: that does not change BiCGSTAB, and is left out.

@@ -29,7 +29,7 @@ class CsrOperator:
     indefinite : bool
         Whether eigenvalues of both signs are expected, as for standing waves.
     symmetric_pattern : bool
-        Whether the pattern of an unsymmetric matrix is symmetric, and its symmetric part positive except for constants.
+        Whether an unsymmetric matrix has a symmetric sparsity pattern, and a symmetric part positive but for constants.
     """
 
     matrix: csr_array
@@ -92,7 +92,7 @@ def connected_unknowns(count: int, matrices: Iterable[tuple[csr_array, int, int]
 
 
 def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOperator) -> CsrOperator:
-    """Return the operator ``factor A + weight M`` with A's attributes; M is the identity if no mass is given."""
+    """Return the operator ``factor A + weight M``, never ``indefinite``; M is the identity if no mass is given."""
     symmetric = operator.symmetric and (mass is None or mass.symmetric)
     pattern = operator.symmetric_pattern
     return CsrOperator(_matrix_sum(factor, operator, weight, mass), symmetric, symmetric_pattern=pattern)
@@ -107,12 +107,12 @@ def _matrix_sum(factor: Any, operator: Operator, weight: Any, mass: Operator | N
 
 
 def as_bordered(operator: Operator) -> Bordered | None:
-    """Return an operator if it has a border, else None."""
+    """Return ``operator`` itself if it has a border, else None."""
     return operator if isinstance(operator, Bordered) else None
 
 
 def without_border(operator: Operator) -> Operator:
-    """Return an operator without its border, itself if it has none."""
+    """Return the operator A of a bordered ``operator``; an operator without a border itself."""
     bordered = as_bordered(operator)
     return operator if bordered is None else bordered.operator
 
@@ -125,7 +125,7 @@ def with_diagonal(matrix: csr_array, added: Floats) -> csr_array:
 
 
 def has_symmetric_pattern(operator: Operator) -> bool:
-    """Return whether an operator is symmetric, or has a symmetric pattern and a positive symmetric part."""
+    """Return whether an operator is symmetric, or has a symmetric sparsity pattern and a positive symmetric part."""
     return operator.symmetric or bool(getattr(operator, "symmetric_pattern", False))
 
 
@@ -210,7 +210,7 @@ class Bordered(_DerivedOperator):
 
     @cached_property
     def shift(self) -> float:
-        """The eigenvalue s of constants: a tenth of the largest diagonal entry.
+        """The factor s of F W: a tenth of the largest diagonal entry of A.
 
         BiCGSTAB takes as many iterations with a tenth of that, and up to twice as many with a much smaller s; the
         rounding of the means, times s, limits the residual of a direct solve.
@@ -277,7 +277,7 @@ class ComplexShift(_DerivedOperator):
         return _matrix_sum(1.0, self.operator, -1j * self.s, self.mass)
 
     def positive_matrix(self) -> csr_array:
-        """Return the real matrix ``A + s M``; the eigenvalues of ``(A + s M)^-1 (A - i s M)`` are between 1 and -i."""
+        """Return the real matrix ``A + s M``; preconditioned by it, ``A - i s M`` has eigenvalues between 1 and -i."""
         return _matrix_sum(1.0, self.operator, self.s, self.mass)
 
 
@@ -304,7 +304,7 @@ def matrix_of_rows(weights: Floats, columns: Ints, count: int) -> csr_array:
 
 
 def scatter_matrix(rows: Ints, count: int) -> csr_array:
-    """Return the matrix (count, k) that adds k entries to the ``rows`` (k,) of a vector."""
+    """Return the matrix (count, k) that adds the entries of a vector (k,) to the ``rows`` (k,) of a vector (count,)."""
     from scipy.sparse import csr_array
 
     return csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(count, len(rows)))

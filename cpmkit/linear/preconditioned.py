@@ -56,11 +56,11 @@ class PreconditionedCG(KrylovSolver):
         return step, taken, (taken + (taken + 1) * self.preconditioner.products) * residual.shape[1]
 
     def precondition(self, residual: Floats) -> Floats:
-        """Return the preconditioned residual (n, channels), orthogonal to free constants."""
+        """Return the preconditioned residual (n, channels), orthogonal to the indicators of the border's pieces."""
         return self._without_constants(self.preconditioner.apply(self._without_constants(residual)))
 
     def _without_constants(self, vector: Floats) -> Floats:
-        """Return the part of ``vector`` (n, channels) that is orthogonal to the indicators of the free pieces."""
+        """Return the part of ``vector`` (n, channels) that is orthogonal to the indicators of the border's pieces."""
         bordered = as_bordered(self.operator)
         if bordered is None:
             return vector
@@ -89,10 +89,10 @@ class PreconditionedGMRES(KrylovSolver):
 
 
 def stop_by_preconditioned_residual(prepared: PreparedSolver) -> tuple[PreparedSolver, float] | None:
-    """Return a solver that stops by the preconditioned residual, and the tolerance for its residual.
+    """Return a solver that stops by the preconditioned residual too, and the tolerance for its residual.
 
     With a multigrid cycle the preconditioned residual is proportional to the error of u at any spacing; with the
-    diagonal it is not. None for other solvers than multigrid.
+    diagonal it is not. None unless ``prepared`` is conjugate gradients with a multigrid cycle.
     """
     if not isinstance(prepared, PreconditionedCG) or prepared.solver != "multigrid":
         return None
@@ -120,12 +120,12 @@ class JacobiPreconditioner:
 
 @dataclass(frozen=True)
 class JacobiSolver:
-    """The solver: conjugate gradients preconditioned by the diagonal, with at most ``max_iterations`` iterations."""
+    """The solver ``jacobi``: conjugate gradients preconditioned by the diagonal, up to ``max_iterations`` times."""
 
     max_iterations: int = 5000
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreconditionedCG:
-        """Return the iteration for an operator; the first of ``levels`` gives the unknowns near conditions.
+        """Return the iteration for an operator; the first of ``levels`` gives the unknowns near conditions, if any.
 
         Raises SceneError if the operator is not real and symmetric. Raises ConvergenceError if the diagonal or the
         strip shows an eigenvalue of the wrong sign.

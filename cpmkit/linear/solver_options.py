@@ -36,7 +36,7 @@ SOLVER_OPTIONS: dict[str, tuple[str, ...]] = {
 def choose_solver(
     name: str, unknowns: int, manifold_dim: int, factor: float = 1.0, iterative: str = "reference"
 ) -> str:
-    """Return ``name``, or the faster solver for this number of unknowns if it is ``auto``.
+    """Return ``name``, or if that is ``auto`` the name of the faster solver for this number of unknowns.
 
     A ``factor`` above one favours the direct solver, for problems that iterative solvers solve slowly. ``iterative`` is
     the solver of large systems: ``multigrid`` where the form has symmetric operators and levels, ``direct`` where no
@@ -49,7 +49,7 @@ def choose_solver(
 
 
 def _check_tolerance(tolerance: Any, label: str) -> float | None:
-    """Return ``tolerance`` as a float, or None; raise an InputError unless it is above 0 and below 1."""
+    """Return ``solver_tolerance`` as a float, or None; raise InputError unless it is above 0 and below 1."""
     if tolerance is None:
         return None
     value = positive(tolerance, label)
@@ -71,9 +71,10 @@ def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
 
 
 def make_step_solver(options: SolverOptions, chosen: str) -> LinearSolver:
-    """Return the solver of the systems M + factor A of time steps; ``chosen`` is the solver of other systems.
+    """Return the solver of the systems M + factor A of time steps; ``chosen`` names the solver of other systems.
 
     With ``auto``, multigrid is replaced by conjugate gradients with the diagonal where M dominates; reports name it.
+    Raises SceneError or PluginError as :func:`make_solver` does.
     """
     solver = make_solver(chosen, options.further)
     return JacobiOrMultigrid(solver) if options.solver == "auto" and isinstance(solver, MultigridSolver) else solver

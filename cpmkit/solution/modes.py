@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
@@ -59,14 +58,6 @@ class EigenRecord(SolutionRecord):
     def _figures(self) -> list[tuple[str, str]]:
         """Return the rows (name, text) that a notebook shows beside the picture, with the eigenvalues."""
         return [*super()._figures(), ("eigenvalues", ", ".join(f"{value:.6g}" for value in self.eigenvalues))]
-
-
-def with_further_modes(scene: Scene) -> Scene:
-    """Return the scene for coarser solutions; an eigenvalue problem with further modes, whose order may differ."""
-    problem: Any = scene.problem
-    if problem.family != "eigen":
-        return scene
-    return replace(scene, problem=replace(problem, count=problem.count + 6))
 
 
 def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tuple[Floats, Floats]:

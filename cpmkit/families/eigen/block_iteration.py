@@ -37,7 +37,7 @@ class FunctionBlock:
 
 
 def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPairs:
-    """Return the ``width`` eigenpairs next above the shift, ascending; only the first ``count`` have converged.
+    """Return the ``width`` least eigenvalues, ascending, with eigenvectors; only the first ``count`` have converged.
 
     Raises ResolutionError if the functions do not fit into the memory of this process. Raises ConvergenceError if a
     residual of the first ``count`` pairs is above the tolerance after all rounds, or A - sigma B is not positive
@@ -48,7 +48,7 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
     start = np.random.default_rng(0).normal(size=(iteration.operator.size, width))
     first = iteration.apply_preconditioner(iteration.image(start))
     block = _block_of(iteration, _orthonormal(iteration, first))
-    theta, block, past = _best([block], block.functions.shape[1], np.zeros(0, dtype=np.int64))
+    theta, block, past = _rayleigh_ritz([block], block.functions.shape[1], np.zeros(0, dtype=np.int64))
     active = np.arange(len(theta))
     for _ in range(MOST_ROUNDS):
         correction = iteration.apply_preconditioner(block.images[:, active] - block.energies[:, active] * theta[active])
@@ -58,14 +58,14 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
         if not np.any(active < count):
             return EigenPairs(iteration.shift + 1 / theta, block.functions)
         further = _block_of(iteration, _orthonormal(iteration, correction, [block, past]))
-        theta, block, past = _best([block, past, further], len(theta), active)
+        theta, block, past = _rayleigh_ritz([block, past, further], len(theta), active)
     change, tolerance = float(changes[unconverged].max()), iteration.context.tolerance
     reason = f"functions still change by {change:.2e} of their size after {MOST_ROUNDS} rounds, {tolerance:.2e} asked"
     raise iteration.failure(reason, "ask for a larger solver_tolerance, or use solver='direct'", change)
 
 
 def _check_fits(iteration: InverseIteration, count: int, width: int) -> None:
-    """Raise ResolutionError if blocks of ``width`` functions do not fit into memory; ``count`` is for the message."""
+    """Raise ResolutionError if LOBPCG with ``width`` functions exceeds the memory; ``count`` is for the message."""
     unknowns, limit = iteration.operator.size, memory.memory_limit()
     needed = 8.0 * PEAK_BLOCKS * width * unknowns
     if needed > limit.bytes:
@@ -76,9 +76,9 @@ def _check_fits(iteration: InverseIteration, count: int, width: int) -> None:
 
 
 def block_changes(iteration: InverseIteration, values: Floats, functions: Floats) -> Floats:
-    """Return the relative change (k,) of each eigenfunction (n, k) in one more preconditioned step.
+    """Return the relative change (k,) of each of ``functions`` (n, k) in one more preconditioned step.
 
-    ``values`` (k,) are the eigenvalues.
+    ``values`` (k,) are their eigenvalues.
     """
     theta, block = 1 / (values - iteration.shift), _block_of(iteration, functions)
     correction = iteration.apply_preconditioner(block.images - block.energies * theta)
@@ -86,14 +86,14 @@ def block_changes(iteration: InverseIteration, values: Floats, functions: Floats
 
 
 def _relative_changes(iteration: InverseIteration, corrections: Floats, theta: Floats, functions: Floats) -> Floats:
-    """Return the norms of ``corrections`` (n, k) over those of ``functions`` (n, k) times abs(theta), (k,)."""
+    """Return the root mean squares (k,) of ``corrections`` (n, k) over those of abs(theta) ``functions`` (n, k)."""
     form = iteration.context.discretized
     squares = [np.diag(form.inner(block, block)) for block in (corrections, functions)]
     return np.asarray(np.sqrt(squares[0] / squares[1]) / np.abs(theta))
 
 
 def _block_of(iteration: InverseIteration, functions: Floats) -> FunctionBlock:
-    """Return the block of ``functions`` (n, k) with its products."""
+    """Return the block of ``functions`` (n, k) with its products, which are counted."""
     iteration.products += functions.shape[1]
     return FunctionBlock(functions, iteration.operator.apply(functions), iteration.image(functions))
 
@@ -101,8 +101,8 @@ def _block_of(iteration: InverseIteration, functions: Floats) -> FunctionBlock:
 def _orthonormal(iteration: InverseIteration, functions: Floats, blocks: Sequence[FunctionBlock] = ()) -> Floats:
     """Return combinations (n, m) of ``functions`` (n, k) orthonormal in energy, and orthogonal to ``blocks``.
 
-    m is less than k if functions are linearly dependent. Orthogonalisation is done twice, because of rounding. Raises
-    ConvergenceError if an energy is not above zero.
+    m is less than k if the functions and blocks are linearly dependent. Orthogonalisation is done twice, because of
+    rounding. Raises ConvergenceError if an energy is not above zero.
     """
     iteration.products += functions.shape[1]
     energies = np.einsum("nk,nk->k", functions, iteration.operator.apply(functions))
@@ -121,19 +121,24 @@ def _orthonormal(iteration: InverseIteration, functions: Floats, blocks: Sequenc
 
 
 def _root_inverse(gram: Floats) -> Floats:
-    """Return R (k, m) with ``R' gram R = 1``; m is less than k if the functions of ``gram`` (k, k) are dependent."""
+    """Return R (k, m) with ``R' gram R = 1``, to make functions with the scalar products ``gram`` (k, k) orthonormal.
+
+    m is less than k if the functions are linearly dependent.
+    """
     scale = 1 / np.sqrt(np.diag(gram))
     values, vectors = np.linalg.eigh(gram * scale * scale[:, None])
     independent = values > DEPENDENT_SHARE * values.max(initial=0.0)
     return np.asarray(scale[:, None] * vectors[:, independent] / np.sqrt(values[independent]))
 
 
-def _best(blocks: Sequence[FunctionBlock], width: int, active: Ints) -> tuple[Floats, FunctionBlock, FunctionBlock]:
-    """Return theta, the best functions in the span of the blocks, and components of them outside the first block.
+def _rayleigh_ritz(
+    blocks: Sequence[FunctionBlock], width: int, active: Ints
+) -> tuple[Floats, FunctionBlock, FunctionBlock]:
+    """Return the ``width`` largest Ritz values theta (width,) in the span of the blocks, and two blocks of functions.
 
-    The components are those of the ``active`` functions, made orthogonal to the best functions (Hetmaniuk and Lehoucq,
-    J. Comput. Phys. 218, 2006): the three blocks of the next round are then orthonormal, and its matrices never nearly
-    singular. ``width`` is the number of best functions.
+    These are the Ritz functions, and for the ``active`` ones the components outside the first block, made orthogonal to
+    the Ritz functions (Hetmaniuk and Lehoucq, J. Comput. Phys. 218, 2006): the three blocks of the next round are then
+    orthonormal, and its matrices never nearly singular.
     """
     from scipy.linalg import eigh
 

@@ -83,7 +83,7 @@ class InverseIteration:
         return self.preconditioner.precondition(np.ascontiguousarray(residual))
 
     def failure(self, reason: str, remedy: str, residual: float = np.inf) -> ConvergenceError:
-        """Return the error, with a report, of eigenvalues that did not converge."""
+        """Return the ConvergenceError, with a report, for eigenvalues that were not found."""
         report = self.context.report(False, self.solves, self.products, residual, reason)
         return ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report)
 
@@ -93,10 +93,11 @@ class InverseIteration:
 
 
 def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffness) -> InverseIteration:
-    """Return inverse iteration for a problem, with a shift near the number near which eigenvalues are sought.
+    """Return inverse iteration for a problem, with a shift close to the number near which eigenvalues are sought.
 
-    Without such a number the shift is below the spectrum. Raises SceneError if no shift below the spectrum is found, or
-    a Steklov problem has a piece with Neumann conditions alone.
+    Without such a number the shift is below the least c (0 for Steklov conditions), and for symmetric operators without
+    multigrid below the spectrum. Raises SceneError if no number below the spectrum is found, or a Steklov problem has a
+    piece with Neumann conditions alone.
     """
     form = context.discretized
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
@@ -126,7 +127,7 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
 
 
 def _below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> float:
-    """Return a number below all eigenvalues, ``shift`` itself or lower.
+    """Return a number below all eigenvalues: ``shift`` itself, or a lower number, by steps from 4 ``unit`` on.
 
     Conditions that add energy may cause eigenvalues far below zero. Raises SceneError if no such number is found.
     """
@@ -187,7 +188,7 @@ def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
 
 
 def mass_unknowns(iteration: InverseIteration) -> Ints | None:
-    """Return the numbers of the unknowns in the range of B if they are few and the problem is symmetric; else None."""
+    """Return the numbers (m,) of the unknowns in B's nonzero rows if few, and the problem is symmetric; else None."""
     if not iteration.symmetric or iteration.mass is None or not hasattr(iteration.mass, "to_csr"):
         return None
     matrix = iteration.mass.to_csr()
@@ -196,9 +197,9 @@ def mass_unknowns(iteration: InverseIteration) -> Ints | None:
 
 
 def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int) -> EigenPairs:
-    """Return all eigenpairs with finite eigenvalues; ``unknowns`` are the numbers of those in the range of B.
+    """Return all eigenpairs with finite eigenvalues, where B is zero outside the rows and columns of ``unknowns`` (m,).
 
-    Raises InputError if there are fewer than ``count`` pairs.
+    Raises InputError if there are fewer than ``count`` pairs. Raises ConvergenceError if a linear solve fails.
     """
     mass, n = iteration.mass.to_csr()[unknowns][:, unknowns].toarray(), iteration.operator.size
     sizes, directions = np.linalg.eigh(0.5 * (mass + mass.T))
@@ -221,7 +222,7 @@ def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int)
 def dense_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
     """Return all eigenpairs with finite eigenvalues of a problem with few unknowns, by a dense matrix.
 
-    Raises InputError if there are fewer than ``count`` pairs.
+    Raises InputError if there are fewer than ``count`` pairs. Raises ConvergenceError if a linear solve fails.
     """
     n = iteration.operator.size
     theta, vectors = np.linalg.eig(iteration.step(np.eye(n)))

@@ -32,10 +32,10 @@ from cpmkit.types import Floats
 def solve_eigen(context: SolveContext) -> EigenRecord:
     """Return the eigenvalues and eigenfunctions that a problem requests, as its solution.
 
-    Raises InputError if more eigenvalues are requested than there are unknowns. Raises SceneError if a Steklov problem
-    has a piece of the manifold with Neumann conditions alone. Raises ResolutionError if there is an eigenvalue of the
-    wrong sign, or functions do not fit into memory. Raises ConvergenceError if a linear solve, the iteration, or the
-    residual of a pair does not reach the tolerance.
+    Raises InputError if more eigenvalues are requested than there are finite ones. Raises SceneError if there is no
+    lower bound of the eigenvalues, or a Steklov problem has a piece with Neumann conditions alone. Raises
+    ResolutionError if an eigenvalue has the wrong sign, or functions do not fit into memory. Raises ConvergenceError if
+    a linear solve, the iteration, or the residual of a pair does not reach the tolerance.
     """
     problem, form = cast("Eigen", context.scene.problem), context.discretized
     form.check(context.solver_name)
@@ -63,10 +63,7 @@ def solve_eigen(context: SolveContext) -> EigenRecord:
 
 
 def _check_signs(form: Discretized, least: float, negligible: float) -> None:
-    """Raise if the ``least`` eigenvalue is below ``-negligible`` and the continuous operator has none below zero.
-
-    Raises ResolutionError in this case.
-    """
+    """Raise ResolutionError if the ``least`` eigenvalue is below ``-negligible``, but no exact one below 0."""
     if least < -negligible and surely_positive(form):
         raise ResolutionError(
             f"spacing={form.spacing:g} is too coarse for this surface: parts of it about two spacings thick read each "
@@ -78,7 +75,7 @@ def _check_signs(form: Discretized, least: float, negligible: float) -> None:
 def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:
     """Return more eigenpairs than are requested, if there are more, by the method that suits their number.
 
-    Raises InputError or ConvergenceError as :func:`solve_eigen` does.
+    Raises InputError, ResolutionError or ConvergenceError as :func:`solve_eigen` does.
     """
     unknowns = mass_unknowns(iteration)
     if unknowns is not None:
@@ -104,7 +101,7 @@ class Modes:
 
 
 def _select_modes(problem: Eigen, iteration: InverseIteration, pairs: EigenPairs) -> Modes:
-    """Return the modes nearest to the number of the problem, in ascending order.
+    """Return the modes nearest to the number ``near`` of the problem, else to the shift, in ascending order.
 
     A pair of complex eigenvalues gives two modes, the real and the imaginary part of an eigenvector.
     """
@@ -126,9 +123,9 @@ def _select_modes(problem: Eigen, iteration: InverseIteration, pairs: EigenPairs
 
 
 def _normalise(form: Discretized, values: Floats, functions: Floats, equal: Floats) -> Floats:
-    """Return ``functions`` (n, k) scaled to unit mean square and with a definite sign.
+    """Return the eigenfunctions ``functions`` (n, k) scaled to unit mean square and with a definite sign.
 
-    Functions whose eigenvalues ``values`` (k,) differ by at most ``equal`` (k,) are made orthogonal.
+    Functions whose eigenvalues ``values`` (k,), ascending, differ by at most ``equal`` (k,) are made orthogonal.
     """
     starts = np.flatnonzero(np.diff(values, prepend=-np.inf) > equal)
     groups = []
@@ -145,7 +142,7 @@ def _normalise(form: Discretized, values: Floats, functions: Floats, equal: Floa
 def _residuals(iteration: InverseIteration, values: Any, vectors: Any) -> Floats:
     """Return the relative change (k,) of each eigenvector (n, k) in one more step of inverse iteration.
 
-    For pairs from a block iteration a preconditioned step is used instead.
+    If the solver has a preconditioner for symmetric problems, a preconditioned step is used instead.
     """
     if iteration.preconditioner is not None:
         return block_changes(iteration, values, vectors)
@@ -166,7 +163,7 @@ def _mean_squares(iteration: InverseIteration, vectors: Any) -> Floats:
 def _checked_report(iteration: InverseIteration, modes: Modes) -> SolveReport:
     """Return the report of the solve, whose residual is the largest of the modes.
 
-    Raises ConvergenceError if the residual of a mode is above the tolerance, and above the effect of rounding.
+    Raises ConvergenceError if it is above the tolerance, and, without a preconditioner, above what rounding leaves.
     """
     context, residual = iteration.context, float(modes.residuals.max())
     reason = (
@@ -196,7 +193,7 @@ def _rounding_change(iteration: InverseIteration, modes: Modes) -> float:
 
 
 def _complex_pair_warnings(modes: Modes, shift: float) -> list[str]:
-    """Return a warning in a list if eigenvalues are complex beyond rounding; else []."""
+    """Return a warning in a list if eigenvalues are complex, by shares of their distance from ``shift``; else []."""
     pairs = np.flatnonzero(modes.values.imag)
     if not len(pairs):
         return []
@@ -214,9 +211,8 @@ SPLIT_MULTIPLET = "ends inside a multiplet"
 def split_multiplet_warning(problem: Eigen, values: Floats, shift: float) -> list[str]:
     """Return a warning in a list if an eigenvalue that is left out is nearly equal to a returned one; else [].
 
-    ``problem``: the problem, with the number of eigenvalues and the number near which they are sought.
-    ``values`` (k,): more eigenvalues than are requested, in any order.
-    ``shift``: the shift, from which distances are measured.
+    ``values`` (k,) are more eigenvalues than ``problem`` requests, in any order; differences are relative to their
+    distance from ``shift``.
     """
     about = shift if problem.near is None else problem.near
     ordered = values[np.argsort(np.abs(values - about), kind="stable")]

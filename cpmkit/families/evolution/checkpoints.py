@@ -75,7 +75,7 @@ def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTal
 
 
 def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
-    """Return the state of the run ``plan`` in a checkpoint, and the counts of its solves so far.
+    """Return the state of the run ``plan`` from a checkpoint, and the counts of its linear solves so far.
 
     Raises InputError if the file is not a checkpoint, is damaged or altered, or belongs to another run: scene, spacing,
     scheme, step and frames so far must agree.
@@ -130,13 +130,13 @@ def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) ->
 
 
 def _same_times(times: Floats, expected: Sequence[float], plan: RunPlan) -> bool:
-    """Return True if ``times`` (k,) are the ``expected`` times up to rounding."""
+    """Return True if ``times`` (k,) are the ``expected`` ones up to rounding, a share of the step of ``plan``."""
     rounding = ROUNDED_STEP_SHARE * plan.evolution.step
     return len(times) == len(expected) and bool(np.abs(times - expected).max() <= rounding)
 
 
 def digest_arrays(arrays: Mapping[str, np.ndarray]) -> str:
-    """Return a digest of the names, types, shapes and entries of arrays."""
+    """Return a digest of the names, types, shapes and entries of arrays, by which a damaged file is recognised."""
     digest = hashlib.blake2b(digest_size=16)
     for name in sorted(arrays):
         array = np.asarray(arrays[name])
@@ -147,7 +147,7 @@ def digest_arrays(arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def digest_run(plan: RunPlan, time: float) -> str:
-    """Return a digest of the operators, the initial values, and the data at the start and at ``time``."""
+    """Return a digest of a run's operators, initial values, and data at the start and at ``time``, its time so far."""
     problem, start = plan.problem, plan.start
     probe = np.random.default_rng(0).normal(size=(problem.form.size, 1))
     tables = [array for group in problem.groups for array in (group.stiffness.apply(probe), group.stiffness.diagonal)]
@@ -162,7 +162,7 @@ def digest_run(plan: RunPlan, time: float) -> str:
 
 
 def describe_run(plan: RunPlan) -> dict[str, Any]:
-    """Return the definition of a run as plain values by names for messages; ``until`` is not part of it."""
+    """Return the definition of a run as plain values by name, to be compared at a resume; ``until`` is left out."""
     form, evolution = plan.problem.form, plan.evolution
     return {
         "kind": evolution.kind,

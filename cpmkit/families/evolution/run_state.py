@@ -52,7 +52,7 @@ History = Sequence[Moment]
 
 
 def schedule(until: float, step: float, frames: Sequence[float], start: float = 0.0) -> list[Step]:
-    """Return the steps from time ``start`` to ``until``, with a step that ends at each time in ``frames``.
+    """Return the steps of length ``step`` or less from ``start`` to ``until``, with an end at each time of ``frames``.
 
     Examples
     --------
@@ -70,7 +70,7 @@ def schedule(until: float, step: float, frames: Sequence[float], start: float = 
 def _between(start: float, stop: float, step: float, is_frame: bool) -> Iterator[Step]:
     """Yield equal steps from ``start`` to ``stop``, the last one shorter if they do not fit.
 
-    ``is_frame`` is the property of the last step.
+    ``is_frame`` says whether the solution is stored after the last of them.
     """
     ratio = (stop - start) / step
     whole = int(ratio + ROUNDED_STEP_SHARE)
@@ -108,7 +108,7 @@ class RunState:
 
 
 def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:
-    """Return a moment with the user's function ``after_step`` applied, or unchanged if there is none."""
+    """Return a moment with u changed by the user's function ``after_step``; the moment itself if there is none."""
     if evolution.after_step is None:
         return moment
     values = form.at_points(moment.u)

@@ -25,9 +25,10 @@ def run_warnings(plan: RunPlan, history: History) -> tuple[str, ...]:
 
 
 def _heat_drift(plan: RunPlan, history: History) -> list[str]:
-    """Return a warning if heat was lost or gained on pieces without outflow; only for c = 0.
+    """Return a warning in a list if heat was lost or gained on pieces of the manifold without outflow; else [].
 
-    On such pieces the mean of u should grow by the mean of f times the time, in every scheme.
+    There the mean of u should grow by the mean of f times the time, in every scheme. It is checked for c = 0, steady f,
+    no velocity and no ``after_step``.
     """
     problem, heat, start, u = plan.problem, plan.evolution, plan.start.u, history[-1].u
     if not isinstance(heat, Heat) or callable(heat.c) or heat.c or heat.velocity is not None or takes_time(heat.f):
@@ -67,12 +68,12 @@ def wave_energy(problem: SemiDiscrete, moment: Moment) -> Floats | None:
 
 
 def growth_check(plan: RunPlan) -> Callable[[Floats, float], None] | None:
-    """Return a function of u (n, channels) and the time that raises a ResolutionError if u grows without a cause.
+    """Return a function of u (n, channels) and the time that raises ResolutionError if u exceeds an a priori bound.
 
     If A has no eigenvalue below zero and the data do not depend on time, the norm of u is at most ``start + rate t``
     for heat and ``start + rate t + push t^2 / 2`` for waves, t after the start: a larger norm proves an eigenvalue of
-    the wrong sign. None for other data and operators, and with a mass matrix, since the norm of b then does not bound
-    that of ``M^-1 b``.
+    the wrong sign. None for other data, operators and equations, and with a mass matrix, since the norm of b then does
+    not bound that of ``M^-1 b``.
     """
     problem, evolution, start, form = plan.problem, plan.evolution, plan.start, plan.problem.form
     if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
@@ -104,7 +105,7 @@ def _long_step(plan: RunPlan, history: History) -> list[str]:
     evolution, form = plan.evolution, plan.problem.form
     if not isinstance(evolution, Heat) or evolution.velocity is None or len(history) < 2:
         return []
-    points, share = _pattern_points(form)
+    points, share = _spread_points(form)
     v = evaluate_data(evolution.velocity, points, None, "the velocity")
     values, slopes = form.evaluate(plan.start.u, points), form.gradient(plan.start.u, points)
     size = np.sqrt(share @ (values - share @ values) ** 2)
@@ -137,11 +138,11 @@ def _long_step(plan: RunPlan, history: History) -> list[str]:
 
 
 def _short_pattern(plan: RunPlan, history: History) -> list[str]:
-    """Return a warning in a list if a reaction's pattern is so short that the lattice determines it; else []."""
+    """Return a warning in a list if the waves of a reaction are so short that the lattice shapes them; else []."""
     if not isinstance(plan.evolution, ReactionDiffusion):
         return []
     form, u = plan.problem.form, history[-1].u
-    points, share = _pattern_points(form)
+    points, share = _spread_points(form)
     values, slopes = form.evaluate(u, points), form.gradient(u, points)
     spread = share @ (values - share @ values) ** 2
     steep = np.einsum("p,pcd->c", share, slopes**2)
@@ -158,8 +159,8 @@ def _short_pattern(plan: RunPlan, history: History) -> list[str]:
     ]
 
 
-def _pattern_points(form: Discretized) -> tuple[Floats, Floats]:
-    """Return points (k, d) spread over the manifold, and the share of the manifold (k,) that each represents."""
+def _spread_points(form: Discretized) -> tuple[Floats, Floats]:
+    """Return up to 4000 of the form's points (k, d), and the share of the manifold (k,) that each represents."""
     every = slice(None, None, max(1, len(form.points) // 2000))
     points, weights = form.points[every], form.point_weights
     share = np.full(len(points), 1.0) if weights is None else weights[every]
@@ -167,9 +168,9 @@ def _pattern_points(form: Discretized) -> tuple[Floats, Floats]:
 
 
 def _oscillation(plan: RunPlan, history: History) -> list[str]:
-    """Return a warning in a list if the last steps oscillate; else [].
+    """Return a warning in a list if the last two steps go back and forth; else [].
 
-    Only schemes without damping, or with an explicit reaction, are checked.
+    Only Crank-Nicolson, which does not damp, and schemes with an explicit reaction are checked.
     """
     evolution = plan.evolution
     if evolution.scheme not in ("crank-nicolson", "sbdf2", "euler") or len(history) < 3:
@@ -215,7 +216,7 @@ def _unresolved_wave(plan: RunPlan, history: History) -> list[str]:
 
 
 def _mean_frequency(problem: SemiDiscrete, history: History) -> float:
-    """Return the fourth root of the mean of u_tt^2 over that of u^2: for a wave its speed times its wavenumber."""
+    """Return the fourth root of the mean of u_tt^2 over that of u^2 in the last step, a wave's frequency."""
     before, now = history[-2:]
     assert before.rate is not None
     assert now.rate is not None

@@ -50,7 +50,10 @@ def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
 
 
 def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of a step of BDF2; the first step is two half steps of backward Euler."""
+    """Return the moment at the end of a step of BDF2, or of two half steps of backward Euler without an earlier moment.
+
+    That is the first step, and any that is more than twice as long as all remembered steps together.
+    """
     before, ratio = previous_moment(history, step.length)
     if before is None:
         return half_steps(problem, solver, history, step)
@@ -91,8 +94,8 @@ def half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, s
 def previous_moment(history: History, length: float) -> tuple[Moment | None, float]:
     """Return the earlier moment that BDF2 uses, and the ratio of the step's ``length`` to the time since then.
 
-    It lies at least half a step back: with a shortened step before a full one the coefficients would be large. None
-    without such a moment.
+    It lies at least half a step back: with a shortened step before a full one the coefficients would be large. None and
+    0 without such a moment.
     """
     back = 0.0
     for k in range(len(history) - 1, 0, -1):
@@ -105,13 +108,13 @@ def previous_moment(history: History, length: float) -> tuple[Moment | None, flo
 def bdf2_start(now: Floats, before: Floats, ratio: float) -> Floats:
     """Return the combination of earlier values (n, channels) in BDF2, ``[(1 + w)^2 now - w^2 before] / (1 + 2 w)``.
 
-    w is ``ratio``, the ratio of the step to the one before.
+    w is ``ratio``, the ratio of the step to the time from ``before`` to ``now``.
     """
     return np.asarray(((1 + ratio) ** 2 * now - ratio**2 * before) / (1 + 2 * ratio))
 
 
 def extrapolate(history: History, length: float) -> Floats:
-    """Return the polynomial through the values so far at a time ``length`` later, (n, channels): an initial guess."""
+    """Return the polynomial through the last values, extrapolated by ``length`` (n, channels), as an initial guess."""
     times = -np.cumsum([0.0, *(moment.length for moment in history[:0:-1])])
     values = np.zeros_like(history[-1].u)
     for k, moment in enumerate(reversed(history)):
@@ -121,7 +124,7 @@ def extrapolate(history: History, length: float) -> Floats:
 
 
 def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of a step of Newmark's average acceleration."""
+    """Return the moment of a wave at the end of a step of Newmark's average acceleration."""
     now, h = history[-1], step.length
     assert now.rate is not None
     solver.tally.operator_applications += now.u.shape[1]
@@ -132,7 +135,7 @@ def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step
 
 
 def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of a step of leapfrog.
+    """Return the moment at the end of a step of leapfrog, damped from the second step on.
 
     First the rate is advanced, over half of the last step and half of this one, then the values.
     """
@@ -152,7 +155,7 @@ def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, ste
 
 
 def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of a step of BDF2 for values and rates; the first step is one of backward Euler."""
+    """Return the moment of a wave after a step of BDF2, or of backward Euler as for :func:`bdf2`, such as the first."""
     now = history[-1]
     before, ratio = previous_moment(history, step.length)
     assert now.rate is not None

@@ -117,7 +117,7 @@ class SemiDiscrete:
 
 
 def largest_eigenvalue(problem: SemiDiscrete, speed: float) -> float:
-    """Return the largest eigenvalue of ``-speed^2 Lap`` in second-order differences on the lattice."""
+    """Return the largest eigenvalue of ``-speed^2 Lap`` for second-order differences in space on the form's lattice."""
     return float(4 * problem.form.scene.surface.dim * speed**2 / problem.form.spacing**2)
 
 
@@ -157,7 +157,7 @@ class ShiftedSolver:
         )
 
     def _solve(self, group: ChannelGroup, factor: float, right_side: Floats, guess: Floats) -> Floats:
-        """Return the solution (n, k) for the k channels of a group."""
+        """Return the solution (n, k) for the k channels of a group; the system of each ``factor`` is cached."""
         depends_on_time = conditions_depend_on_time(self.problem.form.scene)  # and so may the mass matrix
         key = ("shifted", operator_key(group.terms), depends_on_time, factor)
         system: PreparedSystem = self.context.cache.get(key, self._prepare, group, factor)
@@ -166,7 +166,7 @@ class ShiftedSolver:
         return self._with_exact_totals(group, right_side, u)
 
     def _with_exact_totals(self, group: ChannelGroup, right_side: Floats, u: Floats) -> Floats:
-        """Return u plus a constant on each piece without outflow, so that heat is conserved there.
+        """Return u (n, k) plus a constant on each piece where A fixes none, so that heat is conserved there.
 
         With B the indicators of the pieces and ``A B = 0``, A symmetric, the exact solution has
         ``B' M u = B' right_side``: the correction is that of a coarse level, and does not change the error of the rest
@@ -181,7 +181,7 @@ class ShiftedSolver:
 
     @cached_property
     def _closed_pieces(self) -> list[tuple[Any, Floats] | None]:
-        """For each group the indicators B of the pieces on which a constant is free, and B' M B.
+        """For each group the indicators B (n, pieces) of the pieces on which A fixes no constant, and B' M B.
 
         None if A is not symmetric or there are no such pieces.
         """

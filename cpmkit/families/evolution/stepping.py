@@ -53,9 +53,9 @@ SCHEMES: dict[str, Scheme] = {
 def solve_in_time(context: SolveContext) -> EvolvedRecord:
     """Solve an equation in time up to its end, and return the solution there with its frames.
 
-    Raises ResolutionError or SceneError if the scheme would be unstable, or the solution grows without a cause. Raises
-    ConvergenceError if a step does not reach the tolerance; the message contains the time. Raises InputError if a
-    checkpoint is of another run.
+    Raises ResolutionError or SceneError if the scheme would be unstable, the solution grows without a cause, or frames
+    exceed the memory. Raises ConvergenceError if a step does not reach the tolerance; the message contains the time.
+    Raises InputError if a checkpoint is of another run.
     """
     form = context.discretized
     evolution = cast("Evolution", context.scene.problem).with_scheme("explicit steps" not in form.cannot)
@@ -87,7 +87,7 @@ def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
 
 
 def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
-    """Take all steps, from the start or from a checkpoint, and return the state at the end."""
+    """Take all steps, from the start or from a checkpoint, write checkpoints, and return the state at the end."""
     target, total, evolution = context.checkpointing, len(plan.steps), plan.evolution
     scheme = SCHEMES[evolution.scheme]
     if scheme is damped_crank_nicolson and getattr(evolution, "start", "") == "plain":
@@ -146,7 +146,7 @@ def _take_step(
 def _solution_at_end(
     context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, built: float
 ) -> EvolvedRecord:
-    """Return the solution at the end of the run, with its frames; ``built`` is the time when the steps began."""
+    """Return the solution at the end of a run, with its frames and warnings; ``built`` is when the steps began."""
     u, total, end = state.history[-1].u, state.done, state.history[-1].time
     reason = (
         f"relative residual {tally.residual:.2e} at most in {total} steps with {tally.iterations} iterations, "

@@ -81,14 +81,12 @@ class Cycle:
 def build_cycle(
     matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: bool = False, is_rounded: bool = True
 ) -> Cycle:
-    """Return the V cycle of a symmetric matrix.
+    """Return the V cycle of a symmetric matrix. Raises IndefiniteError if an eigenvalue has the wrong sign.
 
-    Raises IndefiniteError if an eigenvalue has the wrong sign.
-
-    ``matrix`` csr_array (n, n): A, positive definite, except for constants on free pieces and for ``waves``.
+    ``matrix`` csr_array (n, n): A, positive definite, except for constants on a ``piece`` and for ``waves``.
     ``levels``: the steps to coarser levels, from the finest on.
-    ``piece`` (n,): for each unknown, the number of the piece of the manifold with a free constant that it is on, -1 for
-        none.
+    ``piece`` (n,): for each unknown, the number of the piece of the manifold that it is on, if A fixes no constant
+        there, else -1.
     ``waves``: whether A has negative eigenvalues, with eigenfunctions that all levels resolve.
     ``is_rounded``: whether entries are rounded to float32 where the diagonal allows it.
     """
@@ -123,7 +121,7 @@ def build_cycle(
 
 
 def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> Cycle:
-    """Return the cycle of a matrix with advection, down to a level that fits into one block.
+    """Return the cycle of a matrix with advection, down to a level that fits into one block, or to the last level.
 
     From the coarsest level on, a correction is prolonged to the next finer level and followed by a step there. Raises
     RuntimeError if a block is singular.
@@ -140,7 +138,7 @@ def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> Cycle:
 
 
 def stabilise_lines(matrix: csr_array, lines: Ints) -> csr_array:
-    """Return the matrix plus a penalty on the differences of order k - 1 of the unknowns of ``lines`` (r, k)."""
+    """Return a coarser matrix plus a penalty on differences of order k - 1 of the unknowns of ``lines`` (r, k)."""
     from scipy.sparse import csr_array
 
     r, k = lines.shape
@@ -152,7 +150,7 @@ def stabilise_lines(matrix: csr_array, lines: Ints) -> csr_array:
 
 
 def _smoother(matrix: csr_array, strip: Ints, waves: bool, kind: Any, sweeps: int) -> Smoother:
-    """Return the smoother of a level, with entries of the type ``kind``, for which ``strip`` (k,) is solved exactly.
+    """Return the smoother of a level, with entries of the type ``kind``, which solves exactly for the ``strip`` (k,).
 
     Raises IndefiniteError if an entry of the diagonal or an eigenvalue has the wrong sign.
     """
@@ -177,7 +175,10 @@ def _smoother(matrix: csr_array, strip: Ints, waves: bool, kind: Any, sweeps: in
 
 
 def _without_singular(strip: Ints, piece: Ints) -> Ints:
-    """Return the strip without one unknown of each free piece that is entirely in it, where A would be singular."""
+    """Return the strip (k,) without one unknown of each piece that lies entirely in it, where A would be singular.
+
+    ``piece`` (n,) is the number of each unknown's piece of the manifold where A fixes no constant, else -1.
+    """
     count = piece.max(initial=-1) + 1
     inside = np.bincount(piece[strip] + 1, minlength=count + 1) == np.bincount(piece + 1, minlength=count + 1)
     inside[0] = False
@@ -186,9 +187,9 @@ def _without_singular(strip: Ints, piece: Ints) -> Ints:
 
 
 def largest_eigenvalue(matrix: UnsignedCsr, inverse: Floats) -> float:
-    """Return the largest eigenvalue of ``D^-1 A`` by twelve steps of Lanczos' method, a lower bound within a hundredth.
+    """Return an estimate, from below, of the largest eigenvalue of ``D^-1 A`` by twelve steps of Lanczos' method.
 
-    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero.
+    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero; 1 without any.
     """
     root = np.sqrt(inverse)[:, None]
     v = np.random.default_rng(0).standard_normal(root.shape) * (root > 0)

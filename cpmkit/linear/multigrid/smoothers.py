@@ -47,7 +47,7 @@ class Chebyshev:
     """Chebyshev's iteration with D^-1 A on the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero.
 
     It is for waves, for which sweeps diverge at few nodes a wavelength, and for large levels, whose products use all
-    threads.
+    threads (Saad, *Iterative methods for sparse linear systems*, 2003).
     """
 
     matrix: UnsignedCsr  #: A.
@@ -56,12 +56,7 @@ class Chebyshev:
     products: int = 6
 
     def before(self, b: Floats) -> tuple[Floats, Floats]:
-        """Return x and ``b - A x``, both (n, channels), after three steps from zero.
-
-        Notes
-        -----
-        Saad, *Iterative methods for sparse linear systems* (2003), algorithm 12.1.
-        """
+        """Return x and ``b - A x``, both (n, channels), after three steps from zero (Saad 2003, algorithm 12.1)."""
         centre, radius = self.largest * (1 + SMOOTHED_SHARE) / 2, self.largest * (1 - SMOOTHED_SHARE) / 2
         rho = radius / centre
         move = b * (self.inverse / centre)[:, None]
@@ -157,7 +152,7 @@ class Schwarz:
     1999).
     """
 
-    matrix: csr_array  #: (n, n): A, whose pattern is symmetric.
+    matrix: csr_array  #: (n, n): A, whose sparsity pattern is symmetric.
     #: sequence of (own, unknowns, factors): for each block its own unknowns (m,), these and their neighbours (k,), both
     #: ascending, and SuperLU's factors of the rows and columns of ``unknowns``. Each unknown is an own unknown of one
     #: block.
@@ -186,10 +181,10 @@ class Schwarz:
 
 
 def bisect_unknowns(matrix: csr_array) -> list[Ints]:
-    """Return compact parts of at most :data:`MAX_BLOCK_UNKNOWNS` unknowns each, in ascending order.
+    """Return the unknowns of ``matrix`` in compact parts of at most :data:`MAX_BLOCK_UNKNOWNS`, each ascending.
 
-    A part is bisected into the first and the second half of a breadth-first search from an unknown at its end, piece by
-    piece.
+    A part is bisected into the first and the second half of a breadth-first search in the graph of the matrix, from an
+    unknown at the end of each connected component.
     """
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 

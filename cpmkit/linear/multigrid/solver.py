@@ -36,9 +36,9 @@ class MultigridSolver:
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreconditionedCG | PreconditionedGMRES:
         """Return the Krylov iteration with its cycle: matrices of all levels, their smoothers and the coarsest factors.
 
-        Raises SceneError if the pattern of the operator is not symmetric, or it is large and there are no ``levels``
-        for it, or a part of it is singular. Raises ConvergenceError if the operator turns out to have an eigenvalue of
-        the wrong sign.
+        Raises SceneError if the operator's sparsity pattern is not symmetric, it is indefinite with a border, its
+        coarsest level is too large to be factorised, or a part of it is singular. Raises ConvergenceError if it turns
+        out to have an eigenvalue of the wrong sign.
         """
         inner = without_border(operator)
         waves = bool(getattr(inner, "indefinite", False))
@@ -86,10 +86,7 @@ class MultigridSolver:
 
 
 def _check_coarsest(unknowns: int, size: int, waves: bool) -> None:
-    """Raise if the coarsest level is too large to be factorised.
-
-    Raises SceneError if its ``unknowns``, of ``size`` on the finest level, are too many.
-    """
+    """Raise SceneError if the coarsest level has too many ``unknowns`` to be factorised; the finest has ``size``."""
     if waves and unknowns > MAX_FACTORISED_WAVES:
         raise SceneError(
             f"solver 'multigrid' factorises the coarsest level that resolves the waves, and it has {unknowns:,} of the "
