@@ -52,7 +52,7 @@ def cost_model(scene: Scene, options: Options[Any]) -> CostModel[Any]:
 
 
 def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) -> tuple[Options[Any], dict[str, Any]]:
-    """Return the options of a scene's discretisation from the keyword arguments ``given``, and the other arguments.
+    """Return the options of a scene's discretisation that are among the arguments ``given``, and the other arguments.
 
     Raises InputError if there is no spacing, an option belongs to another form, or a value is not accepted.
     """
@@ -66,9 +66,9 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
 
 
 def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the name of the form that discretises a scene, and the reason for the choice in words.
+    """Return the name of the form that discretises a scene with the options ``given``, and in words the reason for it.
 
-    Raises InputError if there is no such form, or one of the options ``given`` belongs to another form only.
+    Raises InputError if the option ``form`` names no form, or other options belong to another form or to two forms.
     """
     target = given.get("form", AUTO)
     named = form_named(target, given)
@@ -91,11 +91,11 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
-    """Return the name ``form``, or for "auto" the only form that accepts all options ``names``; None if several do.
+    """Return the name ``form``, or for "auto" the form that one of the options ``names`` determines; None if none does.
 
-    Where ``names`` maps options to values, an option of several forms, such as ``degree``, decides if only one form
-    accepts its value. Names that are no options of a form are ignored. Raises InputError if there is no such form, or
-    an option belongs to another form.
+    An option of one form determines it. Where ``names`` maps options to values, so does an option of several forms,
+    such as ``degree``, if only one form accepts its value. Names that are no options of a form are ignored. Raises
+    InputError if ``form`` names no form, or an option belongs to another form or is no longer offered.
     """
     if not isinstance(form, str) or (form not in FORMS and form != AUTO):
         near = did_you_mean(form, (*FORMS, AUTO))
@@ -115,10 +115,10 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
 
 
 def own_options(given: Mapping[str, Any]) -> tuple[DeclaredOptions, tuple[str, ...]]:
-    """Return the options of a form among those ``given`` without a scene, and the names of all options accepted.
+    """Return a form's own options with the values ``given``, and the names of all its own options; for scene files.
 
     Where neither ``form`` nor another option determines the form, the options are those of the first form, and the
-    names those of every form.
+    names those of every form. Raises InputError as :func:`form_named` does, or if a value is not accepted.
     """
     named = form_named(given.get("form", AUTO), given)
     kinds = [FORMS[named]] if named is not None else list(FORMS.values())
@@ -131,9 +131,9 @@ def _forms_with(name: str) -> list[str]:
 
 
 def _forms_accepting(name: str, given: Iterable[str]) -> list[str]:
-    """Return the names of the forms that have the option ``name``.
+    """Return the names of the forms that have the option ``name`` and accept its value in ``given``.
 
-    If there are several and ``given`` maps options to values, only the forms that accept the value are returned.
+    The value is not considered if only one form has the option, or ``given`` has names without values.
     """
     having = _forms_with(name)
     if len(having) < 2 or not isinstance(given, Mapping):
@@ -142,14 +142,14 @@ def _forms_accepting(name: str, given: Iterable[str]) -> list[str]:
 
 
 def _deciding_option(given: Mapping[str, Any]) -> str:
-    """Return in words the option of ``given`` that determines the form, with its value if that determines the form."""
+    """Return in words the option of ``given`` that determines the form; with its value if only one form accepts it."""
     deciding = [name for name in given if len(_forms_accepting(name, given)) == 1]
     name = min(deciding, key=lambda name: len(_forms_with(name)))
     return f"the option {name!r}" if len(_forms_with(name)) == 1 else f"{name}={given[name]!r}"
 
 
 def every_option() -> dict[str, Option]:
-    """Return the options of all forms by name; an option of several forms accepts the values of each."""
+    """Return the options of all forms, common ones included, by name; a shared one accepts the values of each form."""
     options = dict(declared_options(Options))
     for kind in FORMS.values():
         for name, option in declared_options(kind).items():
@@ -160,10 +160,10 @@ def every_option() -> dict[str, Option]:
 
 @contextmanager
 def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solver: str = "auto") -> Iterator[None]:
-    """Replace an out-of-memory error of the block by one with the need, the limit and a spacing that would fit.
+    """Return a context: if memory runs out in it, the error is replaced by one that advises a spacing that fits.
 
     Arrays that the frames of the traceback refer to are released first. The ``options`` are None for a form without a
-    lattice. Raises ResolutionError if memory runs out in the block.
+    lattice. The context raises ResolutionError, with the memory needed and the limit, if memory runs out in it.
     """
     limit = memory.memory_limit()
     try:

@@ -6,7 +6,7 @@ the conditions, a steady problem is ``A u = b``, a problem in time ``M u' = -A u
 no family and no other form.
 
 A new form implements the abstract members. The other members have defaults that are right wherever the form knows the
-problem through A alone.
+problem through A alone, or raise SceneError (InputError where they evaluate u) because the form lacks the ability.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ class FormOperators(ABC):
         """
 
     def advection(self, field: StateDependentCoefficient) -> Operator:
-        """Return the matrix of the integrals of ``u (w . grad v)``, w = ``field``: a part of a Newton tangent."""
+        """Return the integrals (n, n) of ``u (w . grad v)``, w = ``field``, v a test function, for Newton tangents."""
         raise lacking(self, "diffusivity that depends on u")
 
     def weighted_mass(self, values: Floats) -> csr_array:
@@ -153,15 +153,15 @@ class FormOperators(ABC):
         raise lacking(self, "fluxes that depend on u")
 
     def linearise(self, seen: Sequence[Floats]) -> Self:
-        """Return the form with each state-dependent flux replaced by its tangent at the values ``seen`` (k,) of u."""
+        """Return the form with state-dependent fluxes replaced by tangents at u = ``seen`` (k,); itself without any."""
         return self
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the pieces of the manifold on which a constant is free, with means over them; None without any."""
+        """Return the pieces of the manifold on which u + constant is a solution if u is, with means; None without."""
         return free_pieces(stiffness, lambda: self.mass)
 
     def means_without_flux(self) -> csr_array | None:
-        """Return the means (k, n) over pieces without flux out of them; None where they are not exact enough."""
+        """Return means (k, n) over the k pieces that no flux leaves; None without any, or where they are inexact."""
         return None
 
 
@@ -252,7 +252,7 @@ class FormValues(FormOperators):
         return np.concatenate([self.rows(part, side) @ u for part in parts])
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the tangential gradient (k, channels, d) of u at ``points`` (k, d), by default the form's own."""
+        """Return the tangential gradient (k, channels, d) of u at ``points`` (k, d), by default at :attr:`points`."""
         raise InputError(f"the form {self.form!r} evaluates no gradients.")
 
     def conormal_derivative(
@@ -273,7 +273,7 @@ class FormValues(FormOperators):
         return None
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distance (k,) of ``points`` (k, d) from a boundary, positive on its left; NaN on neither side."""
+        """Return the distance (k,) of ``points`` (k, d) from a boundary, positive on its left; NaN where none is."""
         raise InputError(f"the form {self.form!r} knows no sides of boundary {name!r}.")
 
     def display_mesh(self, u: Floats) -> DisplayMesh | None:
@@ -289,7 +289,7 @@ class Discretized(FormValues):
     """
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
-        """Return the solution u of ``operator u = b`` with mean zero where a constant is free, and the imbalances."""
+        """Return the solution u of ``operator u = b``, of mean zero on the pieces of its border, and the imbalances."""
         return balanced_solution(operator, b, u, self) if isinstance(operator, Bordered) else (u, ())
 
     def warnings(self) -> tuple[str, ...]:
@@ -368,5 +368,5 @@ def integrals(form: FormValues, u: Floats) -> Floats | None:
 
 
 def spread_rows(total: int, count: int) -> Ints:
-    """Return at most ``count`` of the integers from 0 to ``total`` - 1, evenly spread."""
+    """Return at most ``count`` of the integers from 0 to ``total`` - 1, evenly spread: numbers of a form's points."""
     return np.linspace(0, total - 1, min(count, total)).astype(np.int64)

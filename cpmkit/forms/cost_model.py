@@ -1,4 +1,4 @@
-"""The cost of a solve, estimated beforehand: its explanation, the cost model of a form, and the growth of counts."""
+"""The cost of a solve, estimated beforehand: its explanation, the cost model of a form, and costs by the spacing."""
 
 from __future__ import annotations
 
@@ -127,19 +127,19 @@ class Explanation:
 
 
 def solver_part(scene: Scene, chosen: str, target: str) -> Part:
-    """Return the part for the linear solver ``chosen``; ``target`` is the user's choice, a name or "auto"."""
+    """Return the explanation's part for the solver ``chosen``; ``target`` is the user's choice, a name or "auto"."""
     channels = f"{scene.channels} channel{'s' if scene.channels > 1 else ''}"
     size = "few enough unknowns to factorise" if chosen == "direct" else "too many unknowns to factorise quickly"
     return Part(f"solver {chosen!r}", channels, f"{size if target == 'auto' else 'as given'}; {scene.problem}")
 
 
 def condition_name(condition: Condition) -> str:
-    """Return the kind of a condition in words."""
+    """Return the kind of a condition in words, for an explanation."""
     return "zero Neumann" if condition.law.is_zero_flux else condition.kind.replace("_", " ").capitalize()
 
 
 def sides_in_words(boundary: Boundary) -> str:
-    """Return the kinds of the conditions on both sides of a boundary in words."""
+    """Return the kinds of the conditions on both sides of a boundary in words, for an explanation."""
     left, right = boundary.condition("left"), boundary.condition("right")
     return condition_name(left) if left is right else f"{condition_name(left)} left, {condition_name(right)} right"
 
@@ -210,7 +210,7 @@ class CostModel(ABC, Generic[Own]):
         return localize(self.scene.surface, np.zeros(self.scene.surface.dim))
 
     def extrapolate(self, fine: Mapping[str, int], coarse: Mapping[str, int], spacing: float) -> dict[str, int]:
-        """Return counts by name at the spacing of the options, from those at a coarser ``spacing`` and its double."""
+        """Return counts by name at the spacing of the options, from ``fine`` at ``spacing``, ``coarse`` at double."""
         m = largest_dim(self.scene.surface)
         growths = {name: rising_growth((spacing, fine[name]), (2 * spacing, coarse[name]), m) for name in fine}
         return {name: round(max(growth.at(self.options.spacing), fine[name])) for name, growth in growths.items()}
@@ -229,7 +229,7 @@ class CostModel(ABC, Generic[Own]):
 
 @dataclass(frozen=True)
 class Growth:
-    """A number as a function of the spacing h: ``a / h^m + b / h^(m - 1)``.
+    """A count, such as that of unknowns, as a function of the spacing h: ``a / h^m + b / h^(m - 1)``.
 
     The first term is that of a manifold of dimension m, the second that of its edges, boundary curves and curvature.
     """
@@ -251,7 +251,7 @@ class Growth:
 
 
 def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
-    """Return the growth through two pairs of a spacing and a number; m is the dimension of the manifold.
+    """Return the growth through two pairs (spacing, number); m is the dimension of the manifold.
 
     Where a term would be negative, as the coarse lattice does not resolve the manifold, it is ``a / h^m`` through the
     pair ``fine`` alone.
@@ -263,9 +263,10 @@ def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int
 
 
 def line_through(coarse: tuple[float, float], fine: tuple[float, float]) -> tuple[float, float]:
-    """Return the constant and the slope of a cost linear in the unknowns, through two pairs of unknowns and cost.
+    """Return the constant and the slope of a cost linear in the unknowns, from two pairs (unknowns, cost).
 
-    The slope is at least half the cost per unknown of the finer pair, as first solves also fill caches.
+    The slope is at least half the cost per unknown of the pair ``fine``, as first solves also fill caches; the constant
+    is that of a line through ``fine``, or zero if that is negative.
     """
     (few, less), (many, more) = coarse, fine
     slope = max((more - less) / (many - few), 0.5 * more / many)
@@ -275,7 +276,7 @@ def line_through(coarse: tuple[float, float], fine: tuple[float, float]) -> tupl
 def fitting_unknowns(limit: float, bytes_of: Callable[[float], float], start: float = 1.0) -> float:
     """Return the number of unknowns, at least 1, with which ``bytes_of(unknowns)`` is ``limit``.
 
-    It is found by fixed-point iteration, whose error falls by 3 or more in each round.
+    Fixed-point iteration from ``start``; for bytes like unknowns^p, p from 2/3 to 4/3, a round divides the error by 3.
     """
     unknowns = start
     for _ in range(FITTING_ROUNDS):

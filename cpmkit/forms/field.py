@@ -181,11 +181,9 @@ class Field:
 def field_of(form: Discretized, data: Any) -> Field:
     """Return the field of ``data`` at the points of a form.
 
+    ``data`` are a number, a sequence with one value for each channel, an array of values (p,) or (p, channels) at the
+    points, a function of points, or a solution; a solution on the same unknowns is taken over without loss.
     Raises InputError if the data are none of these.
-
-    ``form``: the form at whose points the field is evaluated.
-    ``data``, number, sequence, array, callable or Solution: a number, one value a channel, values (p,) or (p, channels)
-        at the points, or a function of points. A solution on the same unknowns is taken over without loss.
     """
     other = getattr(data, "discretized", None)
     if isinstance(other, Discretized):

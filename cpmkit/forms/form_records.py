@@ -41,7 +41,7 @@ class StateFlux(Protocol):
         """Return the values (k,) at the points of the function with the unknowns ``u`` (n, 1)."""
 
     def grows(self, seen: Floats, /) -> bool:
-        """Return whether the flux changes with u at the values ``seen`` (k,); if not, it fixes no constant."""
+        """Return whether the flux changes with u at u = ``seen`` (k,); if not, u + constant has the same flux."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Constants that are free on pieces of the manifold, and data that do not balance there.
 
-On a closed surface, or a piece of one with Neumann conditions all around, u + constant solves the equation if u does,
-and the data must balance: the integral of f must equal the flux out of the piece. The solution with mean zero is taken
-there; the imbalance, a constant on each piece, is subtracted from f and reported.
+A constant is free on a piece of the manifold (a closed surface, or a part with Neumann conditions all around) if
+u + constant solves the equation whenever u does. The data must balance there: the integral of f must equal the flux out
+of the piece. The solution with mean zero is taken; the imbalance, a constant on each piece, is subtracted from f.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Imbalance:
     Attributes
     ----------
     of : "data", "mean" or "fluxes"
-        "data": a constant is free on the piece, and the integral of f is not the flux out; ``value`` was subtracted
-        from f.
+        "data": u + constant is a solution on the piece if u is, and the integral of f is not the flux out; ``value``
+        was subtracted from f.
         "mean": c times the mean of u differs from the mean of f where nothing flows out; u was shifted. "fluxes", in
         files of earlier versions: a combination of polynomials was added to u so that fluxes balance.
     value : tuple of float
@@ -125,7 +125,7 @@ class Imbalance:
 def free_pieces(
     stiffness: Operator, make_mass: Callable[[], Operator | None], constant_unknowns: int | None = None
 ) -> Border | None:
-    """Return the indicators of the pieces of the manifold on which a constant is free, and means over them; else None.
+    """Return the border of the pieces of the manifold on which u + constant solves ``A u = b`` if u does; else None.
 
     Unknowns that A couples belong to the same piece; a constant is free on a piece if A times its indicator vanishes.
 
@@ -169,7 +169,7 @@ _PIECES: WeakKeyDictionary[Border, list[dict[str, Any]]] = WeakKeyDictionary()
 def balanced_solution(
     operator: Bordered, b: Floats, u: Floats, form: Discretized
 ) -> tuple[Floats, tuple[Imbalance, ...]]:
-    """Return u (n, channels) with mean zero on each free piece, and the imbalance of the load ``b`` on each."""
+    """Return u (n, channels) with mean zero on each piece of the border, and the imbalance of the load ``b`` there."""
     u, means = operator.border.remove_means(u)
     indicator, load = operator.border.indicator.toarray(), operator.border.constant_load
     measure = (indicator * (indicator if form.mass is None else form.mass.apply(indicator))).sum(axis=0)
@@ -182,7 +182,7 @@ def balanced_solution(
 
 
 def _described_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
-    """Return the fields of an imbalance on the piece with the points ``on_piece`` (p,) of the form."""
+    """Return the fields explained, near and share of the imbalance on a piece, whose points ``on_piece`` (p,) marks."""
     points, members = form.points, np.flatnonzero(on_piece)
     if not len(members):
         return {"explained": GROSS_DEFECT_SHARE, "near": (), "share": 0.0}

@@ -45,7 +45,7 @@ class DataAtPoints(NamedTuple):
 def unresolved_data(form: Discretized, conditions: Iterable[DataAtPoints], spacing: float | None = None) -> list[str]:
     """Return a warning for each of a scene's data that varies within a spacing.
 
-    ``form``: the form, at whose points the data of the equation are read.
+    ``form``: the form, at some of whose points the data of the equation are read.
     ``conditions``: the data of the conditions.
     ``spacing``: spacing of the finest lattice; by default that of the form.
     """
@@ -89,7 +89,7 @@ def _all_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator
 
 
 def _rows_in_runs(count: int) -> Any:
-    """Return all integers below ``count``; if these are many, only evenly spread runs of consecutive integers."""
+    """Return the integers from 0 below ``count``; if these are many, evenly spread runs of consecutive integers."""
     if count <= RUNS * RUN_LENGTH:
         return np.arange(count)
     starts = np.linspace(0, count - RUN_LENGTH, RUNS).astype(np.int64)
@@ -97,7 +97,7 @@ def _rows_in_runs(count: int) -> Any:
 
 
 def _warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator[str]:
-    """Yield a warning if data vary within a spacing and are not rounding alone."""
+    """Yield a warning if data vary within a spacing, unless their values are rounding errors alone."""
     values = _values(scene, data)
     share = 0.0 if values is None else nugget(values, data.points, spacing)
     if share > UNRESOLVED_NUGGET and not _is_rounding(scene, data, values, spacing):
@@ -120,7 +120,7 @@ def _is_rounding(scene: Scene, data: DataAtPoints, values: Any, spacing: float) 
 
 
 def _values(scene: Scene, data: DataAtPoints) -> Floats | None:
-    """Return the values (k, channels) of data that are functions of points, at their points; None of other data."""
+    """Return the values (k, channels) of data at their points; None if they are no function of points alone."""
     function, entries = data.data, data.data if isinstance(data.data, (list, tuple)) else (data.data,)
     fixed = isinstance(function, Functional) or getattr(function, "needs_state", False) or hasattr(function, "form")
     if fixed or not any(map(callable, entries)) or not len(data.points):

@@ -1,6 +1,6 @@
-"""The layout of a scene on a lattice: its band of nodes, edge, boundaries and ghosts.
+"""The layout of a scene: its unknowns (band nodes and ghosts), and the formula of the row of E that belongs to each.
 
-All closest point queries of a discretization are made here.
+The layout is made before the matrices, and nearly all closest point queries of a discretization with it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from cpmkit.types import Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The unknowns of a scene and the formulas of their rows in the extension matrix E."""
+    """The unknowns of a scene on a lattice, and the formulas of the rows of the extension matrix E; no matrix yet."""
 
     #: Options: options that lay out the same scene in the same way; their origin is that of the lattice.
     options: Options[CollocationOptions]
@@ -77,9 +77,10 @@ class Layout:
 
 
 def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Layout:
-    """Return the layout of a scene on a lattice; ``progress`` is called with the stage and its share done.
+    """Return the layout of a scene: its unknowns on a lattice, and the formulas of their rows in the matrix E.
 
-    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary or the spacing does not fit.
+    ``progress`` is called with the stage and its share done. Raises InputError, SceneError or ResolutionError if the
+    lattice's origin, a boundary, a condition or the spacing does not fit.
     """
     lattice = lattice_of(scene.surface, options.spacing, options.origin, COARSEST_BAND_SHARE)
     options = replace(options, origin=lattice.origin)
@@ -106,7 +107,7 @@ def with_data_of(layout: Layout, scene: Scene) -> Layout:
 
 
 def _with_meetings(layout: Layout, time: float | None) -> Layout:
-    """Return the layout with the places where boundaries meet, their data compared at ``time``."""
+    """Return the layout with the places where boundaries meet unresolved, their data compared at ``time``."""
     boundaries, lattice, channels = layout.boundaries, layout.lattice, layout.channels
     meetings = find_meetings(boundaries, lattice, channels, time)
     return replace(layout, meetings=meetings + find_mixed_sides(boundaries, lattice, channels, time))
@@ -115,9 +116,9 @@ def _with_meetings(layout: Layout, time: float | None) -> Layout:
 def _boundaries_and_nodes(
     scene: Scene, surface: LocalSource, band: Band, lattice: Lattice, order: int
 ) -> tuple[BoundariesOnBand, RowFormula]:
-    """Return the boundaries with the nodes' distances and sides, and the formulas of the nodes.
+    """Return the boundaries with the nodes' distances and sides, and the formulas by which the band's nodes read u.
 
-    A node past an edge reads its closest point if a boundary separates it from its mirror point.
+    A node past an edge reads its closest point if a boundary of uncoupled sides separates it from its mirror point.
     """
     # King et al. (2024), section 4.6: boundaries within twice the reach of a stencil are found.
     formula, reach = read_past_edge(surface, band, lattice, scene.edge, order), reading_radius(band.dim, band.degree)
@@ -135,10 +136,10 @@ def _boundaries_and_nodes(
 
 
 def _sources_of_nodes(boundaries: BoundariesOnBand, band: Band) -> RowFormula:
-    """Return the formula of the points at which nodes read right-hand sides.
+    """Return the formula by which nodes read right-hand sides.
 
-    These are their closest points; a node whose closest point is almost on a boundary reads farther inside its own
-    side.
+    They read them at their closest points; a node whose closest point is almost on a boundary reads them farther inside
+    its own side, and extrapolates.
     """
     points, coefficient, terms = band.feet.points.copy(), np.ones(len(band.nodes)), []
     for number, view in enumerate(boundaries.side_views):

@@ -67,13 +67,13 @@ def same_sheet(
 
 
 def has_signed_normals(source: LocalSource) -> bool:
-    """Return whether the sign of a surface's normals is consistent everywhere."""
+    """Return whether all members of a surface give normals of their own, whose sign is consistent everywhere."""
     return all(member.has_normals for member in source.members)
 
 
 @dataclass(frozen=True, eq=False)
 class FootDirections:
-    """Unit vectors and distances from feet to their nodes; the vector is the surface's normal at the foot."""
+    """Unit vectors and distances from feet to their nodes; reliable vectors are normals of the surface at the feet."""
 
     unit: Floats  #: (n, d): unit vectors; zero where the node is its own foot.
     length: Floats  #: (n,): distances, in units of length.
@@ -93,7 +93,7 @@ def foot_directions(band: Band) -> FootDirections:
 
 @dataclass(frozen=True, eq=False)
 class Sheets:
-    """The twins of a band's nodes, and the choice of the site of a node that is on the sheet of a stencil."""
+    """The twins of a band (copies of nodes for further sheets), and the choice of the site on a stencil's sheet."""
 
     source: LocalSource  #: The surface.
     spacing: float  #: Spacing of the lattice.
@@ -145,7 +145,7 @@ class Sheets:
         return same_sheet(feet, normals, self.feet.points[site], self.normals[site], self.spacing, self.signed)
 
     def _twins_of(self, site: Ints) -> Iterator[tuple[Ints, Ints]]:
-        """Yield, for each place in the lists of twins, the entries of ``site`` (k,) that have a twin there, and it."""
+        """Yield for j = 0, 1, ... the indices in ``site`` (k,) of the sites with over j twins, and their j-th twins."""
         count = self.counts(site)
         for index in range(int(count.max(initial=0))):
             entries = np.flatnonzero(count > index)
@@ -254,9 +254,9 @@ class BoundaryOnSheets:
         return np.asarray(comparable & (height <= SHEET_HEIGHT_SPACINGS * self.spacing))
 
     def _nearest_samples(self, targets: SurfacePoints, radius: float) -> tuple[ClosestPoints, Bools]:
-        """Return the boundary's records of the nearest sample on the sheet of each target, and whether (n,) one exists.
+        """Return the boundary's records of the sample nearest to each target on its sheet, and whether (n,) one exists.
 
-        Samples at the same height as the target are preferred to those that differ by a bend of the surface.
+        Samples within ``radius`` count; those at the target's height are preferred to those that differ by a bend.
         """
         from scipy.spatial import cKDTree
 

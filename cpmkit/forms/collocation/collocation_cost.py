@@ -1,4 +1,4 @@
-"""The cost of the collocation form, extrapolated to the spacing from layouts on coarse lattices."""
+"""The cost of the collocation form, extrapolated to the spacing from layouts of the scene on coarse lattices."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cpmkit.manifold.abilities import HasNormals, HasTangents, advice_of
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.types import Progress
 
-#: A dry run lays out at most about this many cells on the manifold.
+#: A dry run takes the coarsest lattice, of 2^k times the spacing, with more cells on the manifold than this.
 DRY_RUN_CELLS = 12_000
 #: Number of closest points that are queried again to measure their noise.
 PROBED_FEET = 1000
@@ -39,7 +39,7 @@ class CollocationCost(CostModel[CollocationOptions]):
     smaller_solver: ClassVar[str] = "reference"
 
     def choose_solver(self, target: str, unknowns: float) -> str:
-        """Return the name of the solver that ``target`` means for this number of unknowns."""
+        """Return the name of the solver that ``target`` ("auto" or a name) means for this number of unknowns."""
         dim = largest_dim(self.scene.surface)
         return choose_solver(target, round(unknowns), dim, self.scene.problem.factorise_up_to)
 
@@ -59,11 +59,14 @@ class CollocationCost(CostModel[CollocationOptions]):
         return fitting_spacing(self.surface, self.options.own.degree, available, solver)
 
     def source_error(self) -> float:
-        """Return the error that the surface states for its closest points."""
+        """Return the error that the surface states for its closest points, as a share of the solution's range."""
         return advice_of(self.scene.surface, self.options.spacing).floor
 
     def explain(self, solver: str, progress: Progress) -> Explanation:
-        """Return the explanation of a solve, from a layout at the spacing or from three coarser layouts."""
+        """Return the explanation of a solve, from a layout at the spacing or from three coarser layouts.
+
+        Raises the errors of a solve before its equations are assembled.
+        """
         scene, spacing = self.scene, self.options.spacing
         progress("dry run", 0.0)
         finest = self._finest_spacing()
@@ -113,7 +116,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return round(total)
 
     def _finest_spacing(self) -> float:
-        """Return the spacing of the dry run: the spacing times the smallest power of two at which a layout is small.
+        """Return the dry run's spacing: the largest 2^k spacings with over ``DRY_RUN_CELLS`` cells, or the spacing.
 
         Raises ResolutionError if the spacing itself would need more memory than this process may have.
         """
@@ -160,7 +163,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return parts
 
     def _left_out(self, counts: Mapping[str, int]) -> list[str]:
-        """Return the steps of the method that this scene does not need."""
+        """Return in words the steps of the method that this scene does not need, for the explanation."""
         scene, own_normals = self.scene, isinstance(self.scene.surface, (HasNormals, HasTangents))
         steps = {
             "crossing tests and ghosts (no boundary)": not scene.boundaries,
@@ -183,7 +186,7 @@ def _query_noise(layout: Layout) -> float:
 
 
 def _counts_of(layout: Layout) -> dict[str, int]:
-    """Return the counts of a layout by name."""
+    """Return the counts of a layout (nodes, rows, unknowns, ghosts, queries) by name."""
     counts = {
         "inner": layout.band.inner,
         "twins": layout.band.inner - layout.band.first_twin,

@@ -79,7 +79,7 @@ class Discretization:
         )
 
     def read_sources(self, data: Data, label: str, time: float | None = None) -> Floats:
-        """Return ``data`` at the unknowns, (unknowns, channels), each on its own side; errors call them ``label``."""
+        """Return ``data`` (unknowns, channels) at the unknowns' :attr:`sources`; errors call the data ``label``."""
         sources, lattice, channels = self.sources, self.layout.lattice, self.layout.channels
         values = evaluate_data(data, lattice.to_scene(sources.points), channels, label, time)
         if not sources.terms:
@@ -97,7 +97,7 @@ class Discretization:
         return np.concatenate([evaluate_data(data, at, channels, label) for at in points])
 
     def read_in_place_of(self, law: type[Law]) -> csr_array:
-        """Return the matrix (rows, unknowns) that reads u at the data of a ``law``, times the data's factors.
+        """Return the matrix (rows, unknowns) that reads u where rows have data of a ``law``, times the data's factors.
 
         Added to E with a factor lambda, it replaces these data by lambda u.
         """
@@ -128,10 +128,10 @@ class Discretization:
 def build_tables(
     scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress
 ) -> Discretization:
-    """Return the tables of a scene after all checks; ``progress`` is called with the stage and its share done.
+    """Return the tables of a scene (E, difference neighbours, boundary data), after all checks of its layout.
 
-    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary, a condition or the spacing
-    does not fit.
+    ``progress`` is called with the stage and its share done. Raises InputError, SceneError or ResolutionError if the
+    lattice's origin, a boundary, a condition or the spacing does not fit.
     """
     layout = lay_out(scene, options, progress)
     check_layout(layout, scene)
@@ -141,7 +141,7 @@ def build_tables(
 
 
 def tabulate(layout: Layout, progress: Progress = no_progress) -> Discretization:
-    """Return the tables of a layout: E and the difference neighbours."""
+    """Return the tables of a layout, computed from its formulas: E, the difference neighbours and the boundary data."""
     extension, data, centres = extend_rows(layout, lambda stage, share: progress(stage, 0.8 * share))
     neighbours = _neighbours(layout.unknowns, centres)
     neighbours.flags.writeable = False
@@ -150,7 +150,7 @@ def tabulate(layout: Layout, progress: Progress = no_progress) -> Discretization
 
 
 def read_only(matrix: csr_array) -> csr_array:
-    """Return ``matrix`` after making its arrays read-only.
+    """Return ``matrix``, one of the tables, after making its arrays read-only.
 
     SciPy sorts the indices of an operand in place where it needs them sorted (``abs`` does): a matrix that shares the
     arrays, or code that relies on the order in a row, would then be wrong without an error.
@@ -183,7 +183,7 @@ def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretizat
 
     Raises SceneError if a change affects the tables themselves: that of a diffusivity that a transmission uses, of data
     of a condition without data in the tables (zero flux), or to different data where one condition object serves
-    several loops or sides.
+    several loops or sides; also SceneError or ResolutionError if :func:`check_layout` refuses the new data.
     """
     laws = list(zip(_laws(old), _laws(new), strict=True))
     coupled = [law for (_, law), _ in laws if isinstance(law, Interface) and None in (law.left, law.right)]
@@ -232,7 +232,7 @@ class Work(PlainWork):
     Attributes
     ----------
     unknowns, nonzeros, operator_applications : int
-        As of :class:`PlainWork`: unknowns are inner nodes and ghosts, entries those of E and N.
+        As of :class:`PlainWork`: unknowns are inner nodes and ghosts, the matrices E and N.
     nodes : int
         Number of nodes of the band, outer nodes included.
     ghosts : int

@@ -37,20 +37,16 @@ def extend(
     coefficient: Floats | None = None,
     progress: Progress = no_progress,
 ) -> csr_array:
-    """Return the matrix that interpolates the unknowns at ``points`` of the manifold.
-
-    Raises ResolutionError if a stencil leaves the band, which cannot happen with a source that obeys the rules of
-    closest point sources.
+    """Return the matrix (n, unknowns) that interpolates the unknowns at ``points`` of the manifold.
 
     ``unknowns``: unknowns of the band that is interpolated in.
     ``points`` (n, d): points of the manifold, relative to the lattice's origin.
     ``centres``: the side of each boundary, and the sheet, that each point is on.
-    ``coefficient`` (n,): factor of each row.
+    ``coefficient`` (n,): factor of each row, by default 1.
     ``progress``: called with the stage "tables" and the share of it that is done.
 
-    Returns
-    -------
-    csr_array (n, unknowns)
+    Raises ResolutionError if a stencil leaves the band, which cannot happen with a source that obeys the rules of
+    closest point sources.
     """
     band, n = unknowns.band, len(points)
     width = (band.degree + 1) ** band.dim
@@ -69,7 +65,7 @@ def extend(
 
 
 def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_array, Sequence[BoundaryData], Centres]:
-    """Return E (rows, unknowns), the boundary data that are added to E u, and the centres of its rows' stencils."""
+    """Return E (rows, unknowns), the boundary data that are added to E u, and the centres of the rows' stencils."""
     formula = _formula_of_rows(layout)
     centres = row_centres(layout, formula)
     extension = extend(layout.unknowns, formula.points, centres, formula.coefficient, progress)

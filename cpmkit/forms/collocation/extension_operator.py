@@ -101,7 +101,7 @@ class ExtensionOperator:
         return matrix
 
     def pieces(self) -> tuple[int, Ints]:
-        """Return the number of sets of unknowns that A does not couple, and the set (n,) of each unknown."""
+        """Return the number of sets of unknowns that A does not couple, and the set's number (n,) of each unknown."""
         count, n = sum(self.differences.shape), self.size
         _, label = connected_unknowns(count, [(self.differences, 0, n), (self.extension, n, 0)])
         return int(label[:n].max(initial=-1)) + 1, label[:n]
@@ -146,7 +146,7 @@ class BoundaryMass:
 def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
     """Return the operator A of an equation: c u - div(a grad u), and the advection v . grad u if there is a velocity.
 
-    Raises InputError if a coefficient is not a number or a callable of points, or a diffusivity is not above zero.
+    Raises InputError if a coefficient is no number or callable of points, or a callable diffusivity is not positive.
     Raises ResolutionError if the spacing is too coarse for the velocity.
     """
     layout = tables.layout
@@ -181,7 +181,7 @@ def check_terms(terms: Terms) -> None:
 
 
 def _coefficient(tables: Discretization, data: Data, label: str) -> Floats:
-    """Return a scalar coefficient at the unknowns (n, 1); ``label`` is its name in errors."""
+    """Return a scalar coefficient (n, 1) of the equation at the unknowns; ``label`` is its name in errors."""
     if not callable(data):
         return np.full((tables.unknowns.count, 1), evaluate_data(data, np.zeros((1, 1)), 1, label)[0, 0])
     return tables.read_at_rows(data, label)[tables.unknowns.row_of_unknown]
@@ -192,7 +192,7 @@ def _diffusivity(tables: Discretization, data: Data) -> Floats:
 
     A diffusivity continued as a constant would be wrong by O(spacing) where the flux is not zero, and so would be the
     solution near Neumann and Robin conditions (measured on a circle: order 1.0). The logarithm is extrapolated, so that
-    a stays positive.
+    a stays positive. Raises InputError if a is not positive where it is read.
     """
     layout = tables.layout
 
@@ -206,11 +206,11 @@ def _diffusivity(tables: Discretization, data: Data) -> Floats:
     at_sources, mirror = log_at(sources.points), log_at(formula.points)
     log = np.where(sources.coefficient == 1, 2 * at_sources - mirror, sources.coefficient * at_sources)
     return np.concatenate(
-        [np.exp(_add_log_terms(log, sources, log_at)), *(_of_ghosts(g, log_at) for g in layout.ghosts)]
+        [np.exp(_add_log_terms(log, sources, log_at)), *(_ghost_diffusivity(g, log_at) for g in layout.ghosts)]
     )
 
 
-def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
+def _ghost_diffusivity(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
     """Return the diffusivity a (g,) at ghosts, extrapolated along the line through the boundary and the mirror point.
 
     If the mirror point is nearer to the boundary than the point at which sources are read, it may be on either side
@@ -226,7 +226,7 @@ def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
 
 
 def _add_log_terms(values: Floats, formula: RowFormula, log_at: Callable[[Floats], Floats]) -> Floats:
-    """Return ``values`` (n,) plus the formula's further terms, coefficient times log a at each further point."""
+    """Return ``values`` (n,) plus the formula's further terms, coefficient times log a, a diffusivity, there."""
     total = values.copy()
     for term in formula.terms:
         np.add.at(total, term.rows, term.coefficient * log_at(term.points))

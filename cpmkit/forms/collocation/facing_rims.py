@@ -1,4 +1,4 @@
-"""Rims that face each other across a gap, and boundaries near rims."""
+"""Rims that face each other across a gap, and boundaries near rims: places that the spacing may not resolve."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ PAST_RIM_SPACINGS = 0.05
 def find_narrowest_gap(surface: LocalSource, band: Band, lattice: Lattice) -> list[UnresolvedPlace]:
     """Return a list of the narrowest gap in front of a rim of the manifold; it is empty if there is no gap.
 
-    A gap that stencils bridge is preferred, unless it is that of a notch or a small hole. The number of queries grows
-    with the length of the rims; without rims there are none.
+    A gap that stencils bridge is preferred, unless it is that of a notch or a small hole of a surface, and is of kind
+    "gap"; all others are of kind "opening". The number of queries grows with the length of the rims, from none.
     """
     past = np.flatnonzero(band.feet.edge >= 0)
     if not len(past):
@@ -62,7 +62,7 @@ def find_narrowest_gap(surface: LocalSource, band: Band, lattice: Lattice) -> li
 
 
 def _rim_samples(surface: LocalSource, band: Band, past: Ints) -> tuple[Floats, Floats, Ints]:
-    """Return one point (k, d) of the rims in each cell, the outward conormals (k, d) there, and the loops (k,).
+    """Return a rim's point (k, d) in each cell of 1.5 spacings, its outward conormal (k, d) and its loop's number (k,).
 
     ``past`` are the nodes past an edge, whose closest points are on the rims.
     """
@@ -81,7 +81,7 @@ def _rim_samples(surface: LocalSource, band: Band, past: Ints) -> tuple[Floats, 
 
 
 def _gaps_ahead(surface: LocalSource, rim: Floats, outward: Floats, spacing: float) -> tuple[Ints, Floats]:
-    """Return the rim points (k,) that face another part of the manifold, and the points (k, d) across the gaps.
+    """Return the numbers (k,) of rim points that face another part of the manifold, and the points (k, d) across gaps.
 
     ``rim`` (n, d) are points of rims, ``outward`` (n, d) the conormals there. A query ahead of the rim by more than
     half the gap finds the point across; as steps grow by less than twice, the first such query is in the gap.
@@ -131,7 +131,7 @@ def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
 def find_rim_strips(
     boundaries: Sequence[BoundaryOnLattice], surface: LocalSource, band: Band, lattice: Lattice
 ) -> list[UnresolvedPlace]:
-    """Return the boundaries near rims; without rims there are no closest point queries."""
+    """Return a place for each boundary on a rim or along it within a spacing; without rims there are no queries."""
     from scipy.spatial import cKDTree
 
     h, past, strips = band.spacing, np.flatnonzero(band.feet.edge >= 0), []

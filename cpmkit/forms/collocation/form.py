@@ -127,7 +127,7 @@ class Collocation(Reader):
         return self.tables.read_sources(f, "the right-hand side f", time)
 
     def condition_load(self, stiffness: Any, time: float | None = None, of: str = "value") -> Floats:
-        """Return what the boundary data add to the right-hand side, (n, channels).
+        """Return the part (n, channels) of the right-hand side that comes from boundary data.
 
         With ``of="laplacian"``, the data are instead those that supports give for v = -Lap u.
         """
@@ -187,7 +187,7 @@ class Collocation(Reader):
         return self._apply_formulas(u, self.tables.datum(time))
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
-        """Return ``function(u, points)`` (n, channels) at all unknowns; ghosts use the values that they continue."""
+        """Return ``function(u, points)`` (n, channels) of the unknowns and the points at which they read sources."""
         return function(u, self.tables.layout.lattice.to_scene(self.tables.sources.points))
 
     def interpolate(
@@ -226,12 +226,12 @@ class Collocation(Reader):
     # Free constants and means
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the border that fixes the constant on each component on which it is free; None if there is none."""
+        """Return the border for components on which u + constant is a solution if u is; None if there is none."""
         border = super().free_constants(stiffness)
         return None if border is None else with_smooth_means(self.tables, border)
 
     def means_without_flux(self) -> csr_array | None:
-        """Return the matrix (components, n) of means over the components that no flux leaves, None if there is none.
+        """Return the matrix (k, n) of means over the k components that no flux leaves, None if there is none.
 
         It is None also at order 1, where means are too inexact.
         """
@@ -363,6 +363,7 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
 def discretize(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Collocation:
     """Return the scene discretised by collocation; ``progress`` is called with the stage and its share done.
 
-    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary or the spacing does not fit.
+    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary, a condition or the spacing
+    does not fit.
     """
     return Collocation(scene, build_tables(scene, options, progress))

@@ -1,4 +1,4 @@
-"""Refusals and warnings of a layout: what the spacing does not resolve, contradictory conditions, unstable waves."""
+"""Checks of a layout, before any matrix: places that the spacing does not resolve, contradictions, unstable waves."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def check_layout(layout: Layout, scene: Scene) -> None:
     """Raise if conditions would have no effect, or contradict each other.
 
     Raises SceneError if two boundaries at one place have different conditions, a boundary on a rim has another
-    condition than the edge, a flux is given at a point that no flux passes, a condition for an edge that the manifold
-    does not have, or conductivities that differ from the problem's diffusivity. Raises ResolutionError if the spacing
-    does not resolve a boundary, an edge, or a gap.
+    condition than the edge, a condition is a flux at a point or for an edge that the manifold does not have, or
+    conductivities differ from the problem's diffusivity; ResolutionError if the spacing does not resolve a boundary, a
+    strip at a rim, or a gap.
     """
     _check_fluxes_at_points(layout)
     _check_same_place(layout)
@@ -57,9 +57,9 @@ def check_layout(layout: Layout, scene: Scene) -> None:
 
 
 def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None:
-    """Raise if no node reads the ghosts of a boundary, unless another boundary repeats its condition at the same place.
+    """Raise ResolutionError if no node reads the ghosts of a boundary, which then has no effect.
 
-    Raises ResolutionError if there is such a boundary.
+    A boundary is excepted if another boundary, or the edge, repeats its condition at the same place.
     """
     unknowns, nodes, inner = layout.unknowns, len(layout.band.nodes), layout.band.inner
     is_read, is_neighbour = np.zeros(extension.shape[1], dtype=bool), np.zeros(extension.shape[0], dtype=bool)
@@ -224,7 +224,7 @@ OFF_SURFACE_SPACINGS = 0.5
 
 
 def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:
-    """Return all warnings about a layout."""
+    """Return all warnings about a layout: its manifold, lattice, bends, sheets, rims and boundaries."""
     spacing = layout.lattice.spacing
     advice = advice_of(layout.surface.source, spacing)
     pairs = zip(layout.boundaries.definitions, layout.boundaries.on_lattice, strict=True)
@@ -254,7 +254,7 @@ def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
 
 
 def sharp_bends(layout: Layout, spacing: float) -> list[str]:
-    """Return a warning, in a list, if the surface has creases or bends too sharply for the band; else an empty list."""
+    """Return a list with a warning if the surface has creases or bends too sharply for ``spacing``; else empty."""
     if layout.surface.manifold_dim != layout.surface.dim - 1:
         return []
     band, directions = layout.band, foot_directions(layout.band)
@@ -278,7 +278,7 @@ def sharp_bends(layout: Layout, spacing: float) -> list[str]:
 
 
 def _mixed_sheets(layout: Layout) -> list[str]:
-    """Return a warning if many stencils read nodes of another sheet."""
+    """Return a list with a warning if many stencils read nodes of another sheet; else an empty list."""
     sheets, band = layout.band.sheets, layout.band
     if sheets is None or len(sheets.mixed) <= SHARP_SHARE * band.inner:
         return []
@@ -294,7 +294,7 @@ def _mixed_sheets(layout: Layout) -> list[str]:
 
 
 def _snapped_boundaries(layout: Layout) -> list[str]:
-    """Return a warning for each boundary that is far off the surface."""
+    """Return a warning for each boundary that is more than half a spacing off the surface."""
     spacing = layout.lattice.spacing
     return [
         f"Boundary {boundary.name!r} lies up to {on_lattice.gap:.3g} off the surface, {on_lattice.gap / spacing:.2g} "

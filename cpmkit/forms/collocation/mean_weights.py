@@ -42,7 +42,7 @@ CONSTANT_RANGE_SHARE = 1e-6
 
 
 def mean_weights(tables: Discretization) -> Floats:
-    """Return the weight (n,) of each unknown in means over the components of a manifold.
+    """Return the weight (n,), not normalised, of each unknown in means over the components of a manifold.
 
     The weight of a node is a function of its distance from the manifold. Nodes past an edge, and ghosts, continue the
     solution past the end of their component; their weight is also a function of how far past the end they are, so that
@@ -117,7 +117,8 @@ def _tail(beyond: Floats) -> Floats:
     """Return the weights (n,) of nodes ``beyond`` (n,) spacings past an end: 1 at 0, and 0 from ``TAIL_SPACINGS`` on.
 
     With t the first node's distance, ``tail(t) + tail(t + 1) = 1/2 - t``: the end correction of the trapezoidal rule.
-    The weight is continuous, and its first moment vanishes, so that sums along a line are of third order.
+    So a sum along one line of nodes is of second order. The weight is continuous, and its first moment vanishes, so
+    that the mean of such sums over all positions t of the end is of third order.
     """
     t = np.mod(beyond, 1.0)
     first = 1.0 - 3.5 * t + 2.0 * t**2
@@ -158,9 +159,9 @@ def with_smooth_means(tables: Discretization, border: Border) -> Border:
 def describe_imbalances(
     tables: Discretization, scene: Scene, operator: Bordered, imbalances: Iterable[Imbalance]
 ) -> tuple[Imbalance, ...]:
-    """Return the ``imbalances`` of the border's pieces with their sizes, places, and the imbalance that is explained.
+    """Return the ``imbalances``, one for each piece of the border, with the fields size, explained, and those of place.
 
-    The lowest order of the conditions, 1 or 2, decides how large an imbalance discretisation explains.
+    The lowest order of the conditions, 1 or 2, decides how large an imbalance the spacing explains.
     """
     layout, described = tables.layout, []
     order = min([layout.order, *(condition.order for condition in scene.conditions if condition.order)])
@@ -189,7 +190,7 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
 
 
 def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, Any]:
-    """Return the location of a component, given its sorted unknowns: a point, its share, the boundaries around it."""
+    """Return the fields near, share, bounded_by of the imbalance of a component with sorted unknowns ``members``."""
     layout = tables.layout
     nodes = members[: np.searchsorted(members, layout.band.inner)]
     middle = layout.band.feet.points[nodes[[len(nodes) // 2]]]

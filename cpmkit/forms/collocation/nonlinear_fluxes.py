@@ -52,7 +52,7 @@ class FluxRows:
         return np.asarray((self.reads @ values)[self.datum.rows, 0])
 
     def grows(self, values: Floats) -> bool:
-        """Return whether the flux depends on u, beyond rounding, where u is ``values`` (k,)."""
+        """Return whether the flux depends on u, beyond rounding, at u = ``values`` (k,)."""
         return bool(np.any(np.abs(self.datum.factor * self.slope(values)) > LEAST_FLUX_SLOPE))
 
     def slope(self, values: Floats) -> Floats:
@@ -84,7 +84,7 @@ def _flux_rows(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> F
 
 
 def _known_values(values: Floats, _points: Floats) -> Floats:
-    """Return ``values`` (n,), data known only at the points of their datum."""
+    """Return ``values`` (n,): data that are known at the points of their datum alone, as a function of points."""
     return values
 
 

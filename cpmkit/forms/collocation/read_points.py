@@ -36,7 +36,7 @@ READ_FROM_SIDE_SPACINGS = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Reader(Discretized):
-    """A discretised scene that evaluates vectors of unknowns at points."""
+    """The part of the collocation form that evaluates vectors of unknowns at points; base of :class:`Collocation`."""
 
     scene: Scene  #: The scene, with its boundaries' names and conditions.
     tables: Discretization  #: The band with its extension and differences.
@@ -66,10 +66,10 @@ class Reader(Discretized):
     def conormal_derivative(
         self, values: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
-        """Return the derivative du/db (k, channels) at points (k, d) near a boundary, or near the edge without one.
+        """Return du/db (k, channels) at points (k, d) near a ``side`` of a boundary, or near the edge without these.
 
         The conormal b points out of ``side``: it is -v on the left and +v on the right, where v points to the left; at
-        the edge it points outwards.
+        the edge it points outwards. Raises InputError if a point is too far from the manifold.
         """
         surface, local = self.tables.layout.surface, self.to_local_points(points)
         if boundary is None or side is None:
@@ -163,12 +163,12 @@ INSIDE_SLACK_SHARE = 0.1
 def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mapping[int, Side]) -> Floats:
     """Return the gradient (n, channels, d) at the points of the manifold nearest to ``local`` (n, d).
 
-    Raises InputError if a point is too far from the manifold.
-
     ``reader``: the discretised scene.
     ``values`` (unknowns, channels): the solution.
     ``local`` (n, d): points relative to the lattice's origin.
     ``sides``: the side from which points on a boundary are read, by the boundary's number.
+
+    Raises InputError if a point is too far from the manifold.
     """
     gradient = np.empty((len(local), values.shape[1], local.shape[1]))
     for start in range(0, len(local), GRADIENT_CHUNK_POINTS):
@@ -210,12 +210,12 @@ def _tangential(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Floats:
     return tangential.reshape(n, channels, dim)
 
 
-# Bends of the interpolant
-
-
 @dataclass(frozen=True, eq=False)
 class Bends(Rows):
-    """Points of a batch near a bend of the interpolant, at a boundary or edge with a Dirichlet condition."""
+    """Points of a batch near bends of the interpolant, where its second derivatives jump.
+
+    They jump at boundaries and edges with a Dirichlet condition.
+    """
 
     rows: Ints  #: (k,): numbers of the points in the batch.
     distance: Floats  #: (k,): distances from the boundary or the edge.
@@ -223,7 +223,7 @@ class Bends(Rows):
 
 
 def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
-    """Return, for each boundary, the points that are on a side with a Dirichlet condition."""
+    """Return, for each boundary, the points of the batch that are on a side with a Dirichlet condition."""
     bends = []
     for boundary, view in zip(reader.scene.boundaries, side_views, strict=True):
         on_left = view.signed >= 0
@@ -262,7 +262,7 @@ def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
 def _samples_inside(
     reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView], bends: Bends, sides: Mapping[int, Side]
 ) -> tuple[Ints, ClosestPoints, Floats]:
-    """Return the samples from which gradients near bends are extrapolated.
+    """Return the samples from which gradients near bends (jumps of second derivatives) are extrapolated.
 
     Returned ``rows`` (k,): points of the batch all of whose samples may be used.
     Returned ``samples``: s samples for each of these points.
@@ -282,7 +282,7 @@ def _samples_inside(
 def _usable_samples(
     reader: Reader, samples: ClosestPoints, side_views: Sequence[SideView], rows: Ints, sides: Mapping[int, Side]
 ) -> Bools:
-    """Return which samples (m,), of the points ``rows`` (m,), are on their points' sides and far from all bends."""
+    """Return which samples (m,) are no edge points, on the sides of their points ``rows`` (m,), and far from bends."""
     usable: Bools = samples.edge < 0
     sample_views = reader.side_views(samples.points, sides)
     for at_point, at_sample in zip(side_views, sample_views, strict=True):

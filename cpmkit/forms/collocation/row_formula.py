@@ -41,7 +41,7 @@ class BoundaryData:
         return takes_time(self.data)
 
     def scale(self, coefficient: Floats) -> BoundaryData:
-        """Return the data with each row of the batch multiplied by its ``coefficient`` (n,)."""
+        """Return the data with their factor in each row of the batch multiplied by its ``coefficient`` (n,)."""
         return replace(self, factor=self.factor * coefficient[self.rows])
 
     def renumber(self, numbers: Ints) -> BoundaryData:
@@ -51,7 +51,7 @@ class BoundaryData:
 
 
 def sum_of_data(data: Iterable[BoundaryData], rows: int, channels: int, time: float | None = None) -> Floats:
-    """Return the sum (rows, channels) of the terms ``data`` in each of ``rows`` rows, at ``time``."""
+    """Return the sum (rows, channels) of the terms ``data`` of boundaries in each of ``rows`` rows, at ``time``."""
     total = np.zeros((rows, channels))
     for datum in data:
         values = evaluate_data(datum.data, datum.points, channels, datum.name, time)
@@ -95,7 +95,7 @@ class RowFormula:
 
 
 def extrapolation_weights(nodes: Floats, at: Floats) -> Floats:
-    """Return the Lagrange weights (n, m) that extrapolate values at ``nodes`` (n, m) to ``at`` (n,)."""
+    """Return the Lagrange weights (n, m) that extrapolate values at distances ``nodes`` (n, m) to those ``at`` (n,)."""
     count = nodes.shape[1]
     weights = np.ones_like(nodes)
     for k in range(count):

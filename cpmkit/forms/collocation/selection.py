@@ -1,7 +1,7 @@
-"""Choose the unknowns, or the rows of the extension matrix E, that a stencil reads at each of its nodes.
+"""Selection: which unknown, or which row of the extension matrix E, a stencil reads at each of its nodes.
 
-At each node a stencil reads the value on its own sheet of the surface and on its own side of every boundary: the
-node's own unknown, that of its twin on another sheet, or that of its ghost, which continues one side of a boundary.
+A stencil reads the value on its own sheet of the surface and on its own side of every boundary: the node's own unknown,
+that of its twin on another sheet, or that of its ghost, which continues one side of a boundary.
 The same function chooses for interpolation stencils and for difference stencils.
 King et al. (2024), eq. 12, as eq. 13 for the stencils of nodes and eq. 14 for those of ghosts.
 """
@@ -181,7 +181,7 @@ class Unknowns:
 def visible_ghosts(
     centres: Centres, nodes: Ints, numbers: Sequence[Ints], directors: Sequence[Floats]
 ) -> tuple[Ints, Ints]:
-    """Return the ghosts that stencils read in place of nodes on the other side of a boundary.
+    """Return the ghosts that n stencils read in place of nodes on the other side of a boundary.
 
     A node is replaced if the directors of stencil and node have a negative product and the node has a ghost there (past
     an open end it has none). If several boundaries lie between, the ghost of the boundary that the stencil itself

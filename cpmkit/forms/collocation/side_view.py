@@ -55,7 +55,7 @@ class SideView(Rows):
 
 
 def points_near(source: LocalSource, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
-    """Return the numbers (k,) of ``points`` (n, d) within ``radius`` of the source, and their closest points.
+    """Return the numbers (k,) of ``points`` (n, d) within ``radius`` of a boundary's source, and their closest points.
 
     Closest points of blocks are computed first, and those of single points only where the block is near enough.
     """
@@ -72,7 +72,7 @@ def points_near(source: LocalSource, points: Floats, radius: float, spacing: flo
 
 @dataclass(frozen=True, eq=False)
 class BoundaryOnLattice:
-    """An oriented boundary on a lattice."""
+    """An oriented boundary, snapped to the manifold, which tells the sides of points."""
 
     oriented: OrientedBoundary  #: The boundary with the definition of its left, relative to the lattice's origin.
     #: Largest distance of the boundary's samples from the manifold: the boundary is moved by up to this distance.
@@ -108,8 +108,8 @@ class BoundaryOnLattice:
     def side_view(self, points: Floats, radius: float, spacing: float) -> SideView:
         """Return the distances and sides of those ``points`` (n, d) of the surface within ``radius`` of the boundary.
 
-        Where several sheets share a band, these are only points with a part of the boundary on their own sheet, and the
-        nearest such part counts.
+        Points up to twice the gap farther may be among them. Where several sheets share a band, only points with a part
+        of the boundary on their own sheet and a clear side are; the nearest such part counts.
         """
         rows, feet = points_near(self.source, points, radius + self.gap, spacing)
         walked = None

@@ -58,7 +58,7 @@ class MissingSites(Rows):
 
 
 def separate_sheets(source: LocalSource, band: Band) -> Band:
-    """Return the band with twins where several sheets of a hypersurface share its nodes; else the band itself."""
+    """Return the band with twins, copies of nodes that further sheets of a hypersurface share; else the band itself."""
     if source.manifold_dim != source.dim - 1:
         return band
     flagged = nodes_between_sheets(band)
@@ -111,7 +111,7 @@ def _sites_near(band: Band, flagged: Bools) -> Ints:
 def find_missing(source: LocalSource, band: Band, sites: Sites, queue: Ints) -> MissingSites:
     """Return the nodes for which stencils of the sites ``queue`` have no site on their own sheet.
 
-    They are those of rows of E, and of the difference stencils of unknowns.
+    The stencils are the interpolation stencils of all these sites, and the difference stencils of those with unknowns.
     """
     sheets, n = sites.sheets(source, band), sites.normals
     cells = stencil_cells(sites.feet.points[queue], band.spacing, band.degree)[0]
@@ -172,7 +172,7 @@ def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missin
 
 
 def _twins_by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
-    """Return the first index (m + 1,) of each site's twins in a sorted list, and this list of the ``twins``.
+    """Return the first index (m + 1,) of each site's twins in a list sorted by site, and this list of the ``twins``.
 
     Twin t belongs to site ``base[t]``.
     """

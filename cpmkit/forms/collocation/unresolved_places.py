@@ -1,4 +1,4 @@
-"""Boundaries that meet: pairs that cross with different data, pairs side by side, and boundaries whose own sides mix.
+"""Places that the spacing does not resolve, and those at boundaries: pairs that cross or run side by side, mixed sides.
 
 The sides of a curve mix around open ends and between the flanks of a sharp tip.
 """
@@ -51,15 +51,15 @@ class UnresolvedPlace:
 
     #: "crossing": two boundaries with different values in the sectors around. "strip", "same place": two boundaries
     #: less than a spacing apart, or at one place. "tip", "flanks": an open end with different values on its sides, or
-    #: two flanks of one curve that face each other. "gap", "opening": rims that face each other; an opening, the tip of
-    #: a notch or a small hole, is narrow only there. "rim strip", "on rim": a boundary near a rim or along it.
+    #: two flanks of one curve that face each other. "gap", "opening": rims that face each other; stencils bridge a gap,
+    #: an opening is wider, or a notch or small hole. "rim strip", "on rim": a boundary near a rim or along it.
     kind: str
     boundaries: tuple[int, ...]  #: Numbers of the boundaries.
     point: Floats  #: (d,): the place, in the scene's coordinates.
     #: Width of a strip or gap, distance of flanks; for a crossing the largest difference of the two boundaries' values
     #: in one sector.
     size: float
-    more: int = 0  #: Number of further tips of the boundary.
+    more: int = 0  #: Number of further tips of the boundary, or of further pairs that cross.
     reversed: bool = False  #: Whether the left of the first boundary is the right of the second.
     loop: int = -1  #: Number of the rim's loop.
 
@@ -114,9 +114,9 @@ class UnresolvedPlace:
 def find_meetings(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
 ) -> list[UnresolvedPlace]:
-    """Return the crossings with different data, and the strips, of all pairs of boundaries with sides.
+    """Return the first crossing with different data, and all strips, of the pairs of boundaries with sides.
 
-    Data of ``channels`` channels are compared at ``time``.
+    Data of ``channels`` channels are compared at ``time``. The crossing has the number of further pairs that cross.
     """
     crossings: list[UnresolvedPlace] = []
     strips: list[UnresolvedPlace] = []
@@ -231,7 +231,7 @@ def _tips(
 
 
 def _flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[UnresolvedPlace]:
-    """Return the place where a boundary faces itself so closely that the feet of near nodes jump from flank to flank.
+    """Return a list of at most one place where a boundary faces itself and feet of near nodes jump between its flanks.
 
     It is found from the boundary's points nearest to nodes, independently of the position of the lattice.
     """

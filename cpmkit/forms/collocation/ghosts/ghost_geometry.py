@@ -178,10 +178,10 @@ class GhostGeometry:
 def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: float) -> Bools:
     """Return which ``points`` (k, d), read by the ghosts ``rows`` (k,), are beyond another boundary than the ghosts'.
 
-    Boundaries that are points on a surface do not count: the solution is continuous around them. Nor does a boundary
-    that starts at this one (on the sphere, an arc and a point at its end, spacing 0.05: error 6e-4, and 3.6e-3 if such
-    ghosts were of order 1), nor one that meets this one at an angle and has one value on both sides, across which the
-    solution is continuous (an arc that ends on a circle, spacing 0.1: error 3e-3 instead of 1.5e-2).
+    Boundaries farther than ``reach`` from a point do not count for it, nor do those that are points on a surface: the
+    solution is continuous around them. Nor does a boundary that starts at this one (on the sphere, an arc and a point
+    at its end, spacing 0.05: error 6e-4, and 3.6e-3 if such ghosts were of order 1), nor one that meets this one at an
+    angle and has one value on both sides (an arc that ends on a circle, spacing 0.1: error 3e-3 instead of 1.5e-2).
     """
     foot, beyond, spacing = geometry.seen.foot[rows], np.zeros(len(rows), dtype=bool), geometry.spacing
     for boundary, other in zip(geometry.boundaries.definitions, geometry.boundaries.on_lattice, strict=True):
@@ -246,9 +246,10 @@ def node_sources(
 def points_inside(
     boundary: BoundaryOnLattice, foot: Floats, start: ClosestPoints | None, direction: Floats, step: float
 ) -> tuple[list[ClosestPoints], Bools]:
-    """Return n points of the surface at one ``step`` from each foot, n at two steps, and whether (n,) both exist.
+    """Return a list of n points one ``step`` from each foot and n two steps from it, and whether (n,) both exist.
 
-    ``foot`` (n, d) are points of a boundary, ``direction`` (n, d) unit vectors.
+    Data are read at these points of the surface. ``foot`` (n, d) are points of a boundary, ``direction`` (n, d) unit
+    vectors, ``start`` the surface's records of the feet, given where several sheets share the band.
     """
     points, complete = [], np.ones(len(foot), dtype=bool)
     for k in (1, 2):

@@ -73,7 +73,7 @@ class RimCorners:
 def rim_corners(
     surface: LocalSource, feet: ClosestPoints, beyond: Floats, outward: Floats, spacing: float
 ) -> list[RimCorners]:
-    """Return the corners among ``feet`` on rims of surfaces and solids; curves have no corners.
+    """Return the nodes whose ``feet`` are corners of rims, for each dimension of the rims' parts; curves have none.
 
     ``surface``: the manifold.
     ``feet``: closest points of n nodes, on rims.
@@ -141,7 +141,8 @@ def read_past_edge(
 ) -> RowFormula:
     """Return the formulas of all nodes of the band: each reads its closest point, or past an edge a mirror point.
 
-    The nodes ``at_feet`` past the edge read their closest points, at order 1.
+    At order 1, nodes past the edge read their closest points; so do the nodes ``at_feet``. Raises InputError if beta of
+    a Robin condition is zero, or ResolutionError if the spacing is too coarse for beta.
     """
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
     feet = None if band.sheets is None else band.feet
@@ -171,7 +172,7 @@ def _mirror(
     first_order: Bools,
     rows: Ints,
 ) -> RowFormula:
-    """Return the formulas of the nodes ``rows`` past a loop of the edge, some of ``first_order``."""
+    """Return the formulas of the k nodes ``rows`` past a loop of the edge; ``first_order`` (k,) marks order 1."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     feet, mirrored = band.feet.take(rows), np.flatnonzero(~first_order)
 
@@ -204,7 +205,7 @@ def _mirror(
 
 
 def _corners_of_fluxes(corners: Sequence[RimCorners], edge: EdgeConditions, law: OneSided) -> list[RimCorners]:
-    """Return the corners whose sides all have the law of the node's own loop, or all a prescribed flux."""
+    """Return the corners where the sides that the node is beyond all have the ``law`` of its loop, or all a flux."""
     chosen = []
     for corner in corners:
         accepted = np.ones(len(corner.rows), dtype=bool)

@@ -180,7 +180,7 @@ def second_order_weights(
 def conductivities(law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> tuple[Floats, Floats]:
     """Return the conductivities (n,) on the side of the ghosts' nodes, and on the side that the ghosts continue.
 
-    They are those of the condition, or else the problem's diffusivity.
+    They are those of the condition, or else the problem's diffusivity; both at the boundary.
     """
     left, right = (
         _continued_to_boundary(diffusivity if data is None else data, side_view, sign, lattice)
@@ -191,12 +191,9 @@ def conductivities(law: Interface, diffusivity: Data, side_view: SideView, latti
 
 
 def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> None:
-    """Raise if conductivities of a transmission differ from the problem's diffusivity near the boundary.
+    """Raise if conductivities of a transmission differ from the problem's diffusivity beside it; a check of layouts.
 
-    Raises
-    ------
-    SceneError
-        Naming the side, and the place where they differ most.
+    Raises SceneError with the place where they differ most, or InputError if one is not positive.
     """
     for side, data, sign in (("left", law.left, 1.0), ("right", law.right, -1.0)):
         if data is None or not len(side_view.rows):
@@ -216,9 +213,9 @@ def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view
 
 
 def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice: Lattice) -> Floats:
-    """Return positive data (n,) at the boundary, extrapolated from the left (``sign`` 1) or from the right (-1).
+    """Return a conductivity (n,) at the boundary, extrapolated from the left (``sign`` 1) or from the right (-1).
 
-    The result is of second order where the data are smooth on that side.
+    The result is of second order where it is smooth on that side. Raises InputError if it is not positive.
     """
     if not callable(data):
         return _data_beside(data, side_view, 0.0, lattice)
@@ -227,7 +224,10 @@ def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice
 
 
 def _data_beside(data: Data, side_view: SideView, share: float, lattice: Lattice) -> Floats:
-    """Return positive data (n,) at points ``share`` spacings to the left of the boundary, to the right if negative."""
+    """Return a conductivity (n,) ``share`` spacings left of the boundary, right of it if ``share`` is negative.
+
+    Raises InputError if it is not positive.
+    """
     points = lattice.to_scene(side_view.foot + share * lattice.spacing * side_view.conormal)
     values = evaluate_data(data, points, 1, "a conductivity of Transmission, or the diffusivity,")[:, 0]
     if np.any(values <= 0):
