@@ -29,7 +29,7 @@ from cpmkit.meshing.curved_from_points import (
     ONTO_BOUNDARY_EDGE_SHARE,
     boundary_vertices,
     curve_from_points,
-    extreme_edges,
+    extreme_edge_lengths,
 )
 from cpmkit.meshing.mesh_cache import MeshCache, in_scene_coordinates, mesh_cache_of
 from cpmkit.meshing.untangling import untangle_midpoints
@@ -39,11 +39,10 @@ from cpmkit.types import Bools, Floats, Ints
 def curve_cells(
     mesh: Mesh, geometry: CellGeometry, source: LocalSource, boundaries: Sequence[LocalSource | None], spacing: float
 ) -> Mesh:
-    """Return the cells on which quadrature samples are placed: flat or quadratic, segments ending on knot planes.
+    """Return the flat or quadratic cells that get quadrature samples; segments are split at the lattice's knot planes.
 
     ``mesh``: flat cells, subdivided, with the boundaries inserted.
-    ``geometry``: as returned by :func:`~cpmkit.meshing.source_cells.source_cells`; "closest_point" for a contoured
-        mesh.
+    ``geometry``: see :data:`~cpmkit.mesh.mesh.CellGeometry`; "closest_point" for a contoured mesh.
     ``source``: the manifold.
     ``boundaries``: the boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its
         vertices.
@@ -87,7 +86,7 @@ def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
 
 
 def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return quadratic triangles with nodes on the smooth surface, and nodes of boundary facets on the boundaries.
+    """Return quadratic triangles with nodes on the smooth surface, those of facets on boundaries on the boundaries.
 
     ``mesh``: triangles of :func:`refine_smooth`, subdivided, with the boundaries inserted.
     ``source``: the manifold.
@@ -129,7 +128,7 @@ def smooth_vertex_normals(source: LocalSource, mesh: Mesh) -> SmoothNormals:
 
 
 def smooth_normals(source: LocalSource, points: Floats) -> SmoothNormals:
-    """Return the source's normals at the feet of ``points`` (n, d); those of its flat triangles beside creases."""
+    """Return the source's normals at the feet of ``points`` (n, d); beside creases those of its flat triangles."""
     feet = source.closest_point(np.ascontiguousarray(points))
     across = source.normals(feet)
     if not source.has_creases:
@@ -144,11 +143,10 @@ def smooth_midpoints(
 ) -> tuple[Floats, SmoothNormals]:
     """Return points (e, d) of the smooth surface above the middles of edges, and the normals there.
 
-    Edges of flat triangles keep their middles. The normals are the means of the normals at the ends; beside creases
-    they are the source's normals at the middles.
+    Edges of flat triangles, and edges too steep to be smooth, keep their middles. The normals are the means of those at
+    the ends; beside creases they are the source's normals at the middles.
 
-    ``vertices`` (v, d).
-    ``ends`` (e, 2): the vertices of each edge.
+    ``vertices`` (v, d), ``ends`` (e, 2): positions of vertices, and the two vertices of each edge.
     ``normals``: normals at the vertices.
     ``share`` (e,): share of its height that each edge keeps.
     """
@@ -165,12 +163,12 @@ def smooth_midpoints(
 
 
 def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> Support:
-    """Return the support of the edges of a mesh, from ``normals`` at its vertices."""
+    """Return the support of a mesh's edges by the surface beyond their ends, from ``normals`` at its vertices."""
     return edge_support(mesh.vertices, mesh.edges.ends, normals.across[mesh.edges.ends], normals.flat)
 
 
 def source_support(source: LocalSource) -> Support | None:
-    """Return the support of the edges of a source's own cells; None where these depend on the spacing."""
+    """Return the support of edges of a source's own cells by the surface beyond; None if they depend on the spacing."""
     cache = mesh_cache_of(source)
     if cache is None:
         return None
@@ -180,8 +178,8 @@ def source_support(source: LocalSource) -> Support | None:
 def fit_vertices_to_normals(mesh: Mesh, rows: Ints, normals: Floats) -> Mesh:
     """Return the mesh with the vertices ``rows`` (k,) moved from the flat triangles onto the smooth surface.
 
-    Each vertex is moved along its normal, from ``normals`` (v, d), until its edges are perpendicular to the means of
-    the normals at their ends: on a sphere the vertices then lie on the sphere.
+    Each vertex is moved along its normal, from ``normals`` (v, d), in three rounds, so that its edges become in the
+    mean perpendicular to the means of the normals at their ends: on a sphere the vertices then lie on the sphere.
     """
     chosen = np.zeros(len(mesh.vertices), dtype=bool)
     chosen[rows] = True
@@ -261,10 +259,10 @@ def _is_supported_union(source: LocalSource) -> bool:
 def _move_onto_boundaries(mesh: Mesh, normals: Floats, boundaries: Sequence[LocalSource | None]) -> Mesh:
     """Return the mesh with boundary vertices moved along the surface to their boundaries, then back onto the surface.
 
-    ``normals`` (v, d) are those at the vertices.
+    Vertices far from their boundary stay. ``normals`` (v, d) are those at the vertices.
     """
     vertices, on_cut = mesh.vertices.copy(), np.unique(mesh.cut)
-    reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edges(mesh, on_cut, np.minimum, np.inf)
+    reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edge_lengths(mesh, on_cut, np.minimum, np.inf)
     for owner, boundary in enumerate(boundaries):
         rows = boundary_vertices(mesh, owner)
         if boundary is not None and len(rows):

@@ -20,14 +20,14 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: A midpoint whose closest point is farther away than this share of its edge stays on the chord: there is a crease.
 CREASED_EDGE_SHARE = 0.15
-#: A vertex moves onto its boundary if that is nearer than this share of the longest edge there.
+#: A vertex moves onto its boundary if that is nearer than this share of the longest edge there (smooth: the shortest).
 ONTO_BOUNDARY_EDGE_SHARE = 0.3
 
 
 def curve_from_points(
     mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = (), spacing: float | None = None
 ) -> Mesh:
-    """Return quadratic cells with nodes on the manifold; nodes on boundaries and rims of the mesh lie on the true ones.
+    """Return quadratic cells with nodes on the manifold, those of facets and rim edges on the true boundaries and rims.
 
     ``mesh``: flat cells near the manifold, subdivided, with the boundaries inserted.
     ``source``: the manifold.
@@ -44,7 +44,8 @@ def curve_from_points(
 def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return the mesh with its vertices on the manifold, rim vertices on its rim, boundary vertices on the boundaries.
 
-    Facets that continue a boundary past its tip lie on the manifold alone.
+    Vertices far from their boundary stay; facets that continue a boundary past its tip lie on the manifold alone.
+    Vertices beside boundaries move along; facets and cells change where triangles would turn over.
     """
     rim = rim_of_vertices(mesh)
     points = _to_manifold(source, mesh.vertices, rim)
@@ -54,7 +55,7 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
     times = np.bincount(np.concatenate([on_rim.nonzero()[0], *on_boundaries]), minlength=len(points))
     if not times.any():
         return mesh.with_same_cells(vertices=points)
-    reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edges(mesh, np.flatnonzero(times), np.maximum, 0.0)
+    reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edge_lengths(mesh, np.flatnonzero(times), np.maximum, 0.0)
     before = points.copy()
     for turn in range(4):  # alternating projections of vertices on several boundaries, or on one and the rim
         for vertices, boundary in zip(on_boundaries, boundaries, strict=True):
@@ -74,7 +75,10 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
 
 
 def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return the mesh with a midpoint on the manifold for each edge, shared by all cells that have the edge."""
+    """Return the mesh with a midpoint for each edge: on the manifold, and on its boundary or rim; on chords at creases.
+
+    ``boundaries`` have the order of their numbers in ``mesh.owner``; None stands for a boundary that is left out.
+    """
     edges, length = mesh.edges, mesh.edge_lengths
     straight = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
     positions = straight.copy()
@@ -84,24 +88,22 @@ def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSou
             rows = np.unique(on_cut[(mesh.owner == owner) & ~mesh.beyond_tip])
             if boundary is not None and len(rows):
                 positions[rows] = boundary.closest_point(straight[rows]).points
-    midpoints = limit_height(_to_manifold(source, positions, rim_of_edges(mesh)), straight, length)
+    midpoints = straighten_creased_edges(_to_manifold(source, positions, rim_of_edges(mesh)), straight, length)
     if mesh.manifold_dim == 2 and len(mesh.cut):
         on_boundary = on_cut[~mesh.beyond_tip]
         arguments = midpoints, straight, source, lambda x: source.closest_point(x).points
-        midpoints = limit_height(untangle_midpoints(mesh, on_boundary, *arguments), straight, length)
+        midpoints = straighten_creased_edges(untangle_midpoints(mesh, on_boundary, *arguments), straight, length)
     return mesh.with_same_cells(midpoints=midpoints[edges.of_cells])
 
 
-def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, free: Bools) -> tuple[Ints, Floats]:
-    """Return the vertices (k,) near boundaries that are displaced like the boundary, and their new positions (k, d).
+def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, may_move: Bools) -> tuple[Ints, Floats]:
+    """Return the vertices (k,) beside boundaries that are displaced with the boundary, and their new positions (k, d).
 
-    Each vertex gets the displacement of the nearest point of a boundary edge, reduced linearly to zero at a distance of
-    half the longest edge on a boundary.
+    Each vertex gets the displacement of the nearest of all quarter points of facets on boundaries, reduced linearly to
+    zero at a distance of half the longest facet. Segments have no such vertices.
 
-    ``mesh``: triangles with edges on boundaries.
-    ``before``, ``moved`` (v, d): the vertices of the mesh, and the same with the boundary vertices moved onto the
-        boundaries.
-    ``free`` (v,): which vertices may move.
+    ``before``, ``moved`` (v, d): the vertices, and the same with those on boundaries moved onto the true boundaries.
+    ``may_move`` (v,): which vertices may move.
     """
     from scipy.spatial import cKDTree
 
@@ -117,7 +119,7 @@ def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, free: Bools) -> t
     reach = 0.5 * float(norms(before[edges[:, 1]] - before[edges[:, 0]]).max())
     used = np.zeros(len(before), dtype=bool)
     used[mesh.cells] = True
-    rows = np.flatnonzero(free & used)
+    rows = np.flatnonzero(may_move & used)
     distance, nearest = cKDTree(positions).query(before[rows], distance_upper_bound=reach)
     within = np.isfinite(distance)
     displacement = (1 - distance[within] / reach)[:, None] * displacements[nearest[within]]
@@ -131,8 +133,8 @@ def boundary_vertices(mesh: Mesh, owner: int) -> Ints:
     return np.unique(mesh.cut[(mesh.owner == owner) & ~mesh.beyond_tip])
 
 
-def extreme_edges(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
-    """Return the ``extreme`` length (v,) of the edges at each of the vertices ``rows`` (k,), ``none`` at all others."""
+def extreme_edge_lengths(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
+    """Return the length (v,) of the np.minimum or np.maximum (``extreme``) edge at vertices ``rows``, else ``none``."""
     chosen = np.zeros(len(mesh.vertices), dtype=bool)
     chosen[rows] = True
     lengths = np.full(len(mesh.vertices), none)
@@ -143,18 +145,18 @@ def extreme_edges(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Flo
     return lengths
 
 
-def limit_height(midpoints: Floats, straight: Floats, length: Floats) -> Floats:
-    """Return ``midpoints`` (e, d), with ``straight`` (e, d) in place of those too far from the chord.
+def straighten_creased_edges(midpoints: Floats, straight: Floats, length: Floats) -> Floats:
+    """Return the ``midpoints`` (e, d) of edges, with the middles ``straight`` (e, d) of the chords across creases.
 
-    Too far is more than a share of the edge's ``length`` (e,): there is a crease.
+    These are edges with a midpoint farther from ``straight`` than a share of their ``length`` (e,).
     """
     return np.where((norms(midpoints - straight) > CREASED_EDGE_SHARE * length)[:, None], straight, midpoints)
 
 
 def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
-    """Return the closest points (n, d) of ``points`` (n, d), of the points at ``rim`` on the manifold's rim.
+    """Return the closest points (n, d) of ``points`` (n, d); for the rows of ``rim`` they lie on the manifold's rim.
 
-    Points at the rim are moved outwards, farther and farther, until their closest point lies on a rim.
+    Points at the rim are moved outwards, by up to four edge lengths, until their closest point lies on a rim, if any.
     """
     positions = np.array(points)
     positions[rim.rows] += 1e-6 * rim.outward  # beyond rounding

@@ -80,7 +80,7 @@ MESH_CACHES: WeakKeyDictionary[Any, MeshCache] = WeakKeyDictionary()
 
 
 def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache | None:
-    """Return the cache of a source; None where the source has no mesh that is the same at any spacing.
+    """Return the cache of a source's mesh; None where the source has no mesh that is the same at any spacing.
 
     ``cells`` (m, k): the cells that the source has just returned: a cache is created for them. Without cells, only an
         existing cache is returned.

@@ -27,7 +27,7 @@ NOISE_FACTOR = 0.4
 
 
 def _cells_and_cure(geometry: CellGeometry, cure: str) -> tuple[str, str]:
-    """Return the name of the cells in messages, and the advice: ``cure`` if the cells are the user's mesh."""
+    """Return the name of the cells in messages, and an advice: ``cure`` for the user's mesh, else a smaller spacing."""
     return ("triangulation of the surface", "use a smaller spacing") if geometry == "closest_point" else ("mesh", cure)
 
 
@@ -155,7 +155,7 @@ def tracing_warnings(broken: TraceDefects, curve: LocalSource) -> Iterator[str]:
 
 
 def _in_scene(point: Floats, source: LocalSource) -> str:
-    """Return the text of a ``point`` (d,), relative to the origin, in the scene's coordinates."""
+    """Return the text of a ``point`` (d,), given relative to the lattice's origin, in the scene's coordinates."""
     return place(point + source.scene_origin)
 
 

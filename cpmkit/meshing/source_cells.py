@@ -36,11 +36,11 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
 
     A mesh or polyline has its own cells, curved where it is read as smooth; an analytic or parametric shape has a mesh
     of itself. Meshes of level sets in space have too many triangles, of bad shape. Members of a union have separate
-    cells; where they meet, other than in vertices that they share, only closest points reveal the junction.
+    cells; where they meet, only closest points reveal the junction.
 
     ``length``: longest edge of the cells of a curved manifold; flat cells are left as they are.
     ``shortest``: edge length of the second attempt, where cells of ``length`` do not follow the manifold or have a bad
-        shape.
+        shape; by default there is none.
     """
     if source.members[0] is not source:
         return _cells_of_union(source, length, shortest)
@@ -75,10 +75,11 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
 
 
 def is_suitable(source: LocalSource, mesh: Mesh, length: float) -> bool:
-    """Return whether a mesh ends on the rim alone, has few blunt triangles, and not too many for edges of ``length``.
+    """Return whether a mesh suits quadrature: it ends on rims alone, has few blunt triangles, and not too many.
 
     Triangles that do not share edges end inside the manifold; triangles with an angle near 180 degrees turn over when
-    they are curved. Narrow triangles with a short edge, as towards a pole, do no harm. Meshes of curves are suitable.
+    they are curved. Narrow triangles with a short edge, as towards a pole, do no harm. The number is limited for
+    a given area and edge ``length``. Meshes of curves are suitable.
     """
     if mesh.manifold_dim == 1:
         return True
@@ -99,7 +100,7 @@ def is_suitable(source: LocalSource, mesh: Mesh, length: float) -> bool:
 
 
 def _own_mesh(source: LocalSource, length: float) -> Mesh | None:
-    """Return the mesh that a source has with edges of ``length``; None where its cells have another dimension."""
+    """Return the source's own mesh with edges of ``length``; None if it has no cells, or cells of another dimension."""
     assert isinstance(source.source, HasMesh)
     vertices, cells = source.source.mesh(length)
     if cells.shape[1] != (source.manifold_dim or 0) + 1 or not len(cells):

@@ -37,8 +37,7 @@ UNTANGLING_ROUNDS = 4
 def untangle_vertices(mesh: Mesh, before: Floats, moved: Floats) -> Floats:
     """Return ``moved`` (v, d), with the positions ``before`` (v, d) for vertices of triangles that would turn over.
 
-    A vertex may be nearer to a boundary than the boundary is to its chords: the boundary then passes it on the side on
-    which its chords do.
+    A vertex that keeps its position ``before`` may lie off its boundary. Segments keep all of ``moved``.
     """
     if mesh.manifold_dim == 1:
         return moved
@@ -63,15 +62,15 @@ def untangle_midpoints(
     source: LocalSource,
     project: Callable[[Floats], Floats],
 ) -> Floats:
-    """Return the ``midpoints`` (e, d) of edges, changed where triangles beside boundaries would turn over.
+    """Return the ``midpoints`` (e, d) of edges, changed where quadratic triangles would turn over.
 
-    First the other midpoints of such triangles move along with the midpoint on the boundary; boundaries whose triangles
-    still turn over are left on their chords.
+    First the other midpoints of such triangles move along with the midpoint on the boundary. Where triangles still turn
+    over, the midpoints on boundaries return to ``free``, projected, and the others to ``midpoints``.
 
     ``mesh``: triangles.
     ``on_boundary`` (c,): the edges on boundaries.
-    ``midpoints``, ``free`` (e, d): midpoints on the manifold, the rim and boundaries, and midpoints without regard to
-        boundaries.
+    ``midpoints``, ``free`` (e, d): midpoints on the manifold, the rim and boundaries; and those before any was moved
+        onto a boundary, on the chords or the manifold.
     ``source``: the manifold.
     ``project``: projects points (k, d) near the free midpoints onto the manifold.
     """
@@ -98,9 +97,9 @@ def area_ratios(before: Floats, moved: Floats) -> Floats:
 
 
 def is_folded(x: Floats, midpoints: Floats) -> Bools:
-    """Return which quadratic triangles (m,) nearly turn over at a corner, from corners and midpoints (m, 3, d).
+    """Return which quadratic triangles (m,) turn over, or nearly do, at a corner: there the Jacobian is too small.
 
-    A thin triangle beside a boundary does so where the boundary bends by more than the triangle's height.
+    ``x``, ``midpoints`` (m, 3, d) are the corners, and the midpoints of the edges opposite to them.
     """
     following, previous = np.array([1, 2, 0]), np.array([2, 0, 1])
     ahead, behind = x[:, following], x[:, previous]
@@ -118,7 +117,7 @@ def _sides(corners: Floats) -> tuple[Floats, Floats]:
 def _signed_ratio(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
     """Return the ratio (n,) of the area spanned by c and d, projected on the plane of a and b, to that of a and b.
 
-    All are (n, d) vectors; areas have signs, and the ratio is 1 where the area of a and b is zero.
+    All are (n, d) vectors. The ratio is negative where the orientation changes, and 1 where a and b span no area.
     """
     size = dots(a, a) * dots(b, b) - dots(a, b) ** 2
     projected = dots(c, a) * dots(d, b) - dots(c, b) * dots(d, a)
@@ -126,10 +125,10 @@ def _signed_ratio(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
 
 
 def _folded_triangles(mesh: Mesh, midpoints: Floats, source: LocalSource) -> Ints:
-    """Return the triangles (k,) that turn over, seen along the manifold's normal.
+    """Return the numbers (k,) of the triangles that turn over in projection along the manifold's normal.
 
-    The plane of a triangle is no measure where the triangle is thinner than its edges bend with the manifold; it serves
-    for preselection.
+    ``midpoints`` (e, d) are those of the edges. Triangles that do not turn over in their own planes are not tested;
+    these planes alone are no measure where triangles are thinner than their edges bend with the manifold.
     """
     corners, of_cells = mesh.vertices[mesh.cells], mesh.edges.of_cells
     rows = np.flatnonzero(is_folded(corners, midpoints[of_cells]))
@@ -150,7 +149,13 @@ def _move_with_boundary(
     free: Floats,
     project: Callable[[Floats], Floats],
 ) -> Floats:
-    """Return the midpoints (e, d), displaced in ``folded`` triangles (k,) like the midpoint on the boundary."""
+    """Return the ``midpoints`` (e, d) of edges, displaced in ``folded`` triangles (k,) along with the boundary.
+
+    Only triangles with exactly one edge on a boundary are treated. The midpoint of this edge is displaced from where it
+    would be without boundaries, ``free`` (e, d). The two other midpoints get a share of that displacement, and
+    ``project`` returns them to the manifold. The share is 1 at the middle of the edge's chord, and falls to 0 towards
+    its ends and at a distance of its length.
+    """
     edges = mesh.edges.of_cells[folded]
     edges = edges[is_on_boundary[edges].sum(axis=1) == 1]
     moved = midpoints.copy()
@@ -168,13 +173,11 @@ def _move_with_boundary(
 
 
 def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Mesh, Ints]:
-    """Return triangles in which two edges on a boundary are replaced by the third where the triangle would turn over.
+    """Return the triangles with fewer facets on boundaries, and the vertices (k,) that lie on no boundary any more.
 
-    ``mesh``: triangles.
-    ``before``, ``moved`` (v, d): the vertices of the mesh, and the same with the boundary vertices moved onto the
-        boundaries.
-    Returned ``mesh``: with the same cells and fewer facets on boundaries.
-    Returned ``released`` (k,): vertices that no longer lie on a boundary.
+    Where a triangle with two facets of one boundary would turn over, its third edge becomes a facet in their place.
+
+    ``before``, ``moved`` (v, d): the vertices, and the same with those on boundaries moved onto the true boundaries.
     """
     released = [np.zeros(0, dtype=np.int64)]
     for _ in range(4):  # the third edge of a triangle may give the next triangle two edges on the boundary
@@ -187,10 +190,10 @@ def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> t
 
 
 def _double_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (k, 2) of rows of ``mesh.cut`` that are edges of one triangle which would turn over.
+    """Return pairs (k, 2) of rows of ``mesh.cut``, and the corners (k, 3) of the triangles with both facets as edges.
 
-    The corners (k, 3) of these triangles are returned too, the common corner of both edges first. Of triangles that
-    share a row only the first is returned.
+    The triangles would turn over, and their facets are consecutive on one boundary. The common corner, where no other
+    facet ends, comes first. Of triangles that share a row only the first is returned.
     """
     edges = mesh.edges
     row = np.full(len(edges.ends) + 1, -1)
@@ -222,9 +225,9 @@ def _starts_at_common_corner(mesh: Mesh, pairs: Ints, corners: Ints) -> Ints:
 
 
 def _replace_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
-    """Return the mesh with the third edge of triangles on the boundary in place of the edges ``pairs`` (k, 2).
+    """Return the mesh with the third edge of triangles as facet in place of two, the rows ``pairs`` (k, 2) of its cut.
 
-    ``corners`` (k, 3) are the triangles' corners, the common corner of both edges first.
+    ``corners`` (k, 3) are the triangles' corners, the common corner of both facets first.
     """
     later = _starts_at_common_corner(mesh, pairs, corners).argmax(axis=1)
     first = np.take_along_axis(pairs, 1 - later[:, None], 1)[:, 0]
@@ -238,10 +241,10 @@ def _replace_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
 
 
 def flip_chords(mesh: Mesh) -> Mesh:
-    """Return triangles in which chords of boundaries are flipped, so that no triangle has two edges on one boundary.
+    """Return the triangles; where two edges of one lie nearly in line on boundaries, its third edge is flipped.
 
-    A chord, the third edge of such a triangle, stays where it lies on a boundary or the rim, where its two triangles
-    are oriented differently or form no convex quadrilateral, or where the flipped edge exists already.
+    An edge stays where it lies on the rim, where its two triangles are oriented differently, form no convex
+    quadrilateral or take part in another flip, or where the flipped edge exists already.
     """
     edges = mesh.edges
     on_cut = np.zeros(len(edges.ends) + 1, dtype=bool)
@@ -251,14 +254,14 @@ def flip_chords(mesh: Mesh) -> Mesh:
     thin = np.flatnonzero(of_cells.sum(axis=1) == 2)
     if not len(thin):
         return mesh
-    cells, chords = _rotate(mesh.cells, edges, thin, of_cells[thin].argmin(axis=1))
+    cells, chords = _rotate_corners(mesh.cells, edges, thin, of_cells[thin].argmin(axis=1))
     sides = mesh.vertices[cells[:, 1:]] - mesh.vertices[cells[:, :1]]
     # A boundary continues through a vertex where the cosine of the angle between its edges there is below -.8.
     straight = dots(sides[:, 0], sides[:, 1]) < -0.8 * norms(sides[:, 0]) * norms(sides[:, 1])
     thin, cells, chords = thin[straight], cells[straight], chords[straight]
     neighbour, corner = _triangles_across(edges, thin, chords)
     thin, cells, neighbour, corner = (array[neighbour >= 0] for array in (thin, cells, neighbour, corner))
-    across, _ = _rotate(mesh.cells, edges, neighbour, corner)
+    across, _ = _rotate_corners(mesh.cells, edges, neighbour, corner)
     first = np.stack([cells[:, 0], cells[:, 1], across[:, 0]], axis=1)
     second = np.stack([cells[:, 0], across[:, 0], cells[:, 2]], axis=1)
     fits = (across[:, 1] == cells[:, 2]) & (across[:, 2] == cells[:, 1])
@@ -274,16 +277,16 @@ def flip_chords(mesh: Mesh) -> Mesh:
     return replace(mesh, cells=flipped)
 
 
-def _rotate(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[Ints, Ints]:
+def _rotate_corners(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[Ints, Ints]:
     """Return the corners (k, 3) of triangles ``rows`` with corner ``lead`` first, and the opposite edges (k,)."""
     around = (lead[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells[rows], around, 1), edges.of_cells[rows, lead]
 
 
 def _triangles_across(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
-    """Return the second triangle (k,) at each edge ``shared`` (k,) of triangles ``rows`` (k,), and its opposite corner.
+    """Return the second triangle (k,) at each edge ``shared`` (k,) of triangles ``rows`` (k,), and its corner (k,).
 
-    The triangle is -1 where the edge has not exactly two triangles.
+    The corner, 0 to 2, is opposite to the edge. The triangle is -1 where the edge has not exactly two triangles.
     """
     chosen = np.zeros(len(edges.ends), dtype=bool)
     chosen[shared] = True

@@ -95,7 +95,7 @@ def find_defects(
 
 
 def restore_creases(nodes: LatticeNodes, vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Floats, Ints, Bools]:
-    """Return vertices, triangles and the mask of vertices on rims, with edges that cut off creases halved at these.
+    """Return vertices (v, 3), triangles (m, 3) and a mask (v,) of rim vertices; edges that cut off creases are halved.
 
     An edge is halved at the crease point farthest from it, if that is farther than .1 spacings and its projection lies
     in the inner part of the edge. Open edges are halved at points on rims alone.
@@ -121,7 +121,7 @@ def restore_creases(nodes: LatticeNodes, vertices: Floats, cells: Ints, on_rim: 
 
 
 def _at_most_one_per_triangle(rows: Ints, edge: Ints, of_cells: Ints) -> tuple[Ints, Ints]:
-    """Return the ``rows`` and ``edge`` (k,) left when a triangle may have one edge only; earlier rows take precedence.
+    """Return those of ``rows`` and of their edges ``edge`` (k,) that are left if triangles keep their first edge only.
 
     ``of_cells`` (m, 3) are the edges of each triangle.
     """

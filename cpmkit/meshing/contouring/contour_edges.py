@@ -18,7 +18,7 @@ LEAST_COMPONENT_AREA = 0.1
 def connected_groups(i: Ints, j: Ints, count: int) -> tuple[int, Ints]:
     """Return the number of connected groups of ``count`` items, and the group (count,) of each item.
 
-    Items ``i`` (k,) are connected with items ``j`` (k,).
+    Items ``i`` (k,), such as vertices or triangles, are connected with items ``j`` (k,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -123,7 +123,7 @@ def shortest_at_both_ends(ends: Ints, length: Floats, count: int) -> Ints:
 
 
 def collapse_edges(cells: Ints, ends: Ints, count: int) -> Ints:
-    """Return the triangles (n, 3) with the second vertex of each of ``ends`` (k, 2) replaced by the first.
+    """Return the triangles (n, 3), with edges ``ends`` (k, 2) collapsed to their first of ``count`` vertices.
 
     Triangles with a repeated vertex are left out; of equal triangles an odd number leaves one, an even number none.
     """

@@ -48,7 +48,7 @@ class LatticeNodes:
 
     @property
     def near_creases(self) -> Bools:
-        """(n,) nodes within a spacing whose closest points lie where the surface does not look planar, or near rims."""
+        """(n,) whether a node is within a spacing of the surface, in a cell where that is not planar or meets a rim."""
         return np.asarray(self.nonplanar.any(axis=1) & (self.distance < self.spacing))
 
     def position_of(self, index: Ints) -> Floats:
@@ -99,8 +99,8 @@ def _nonplanar_cells(
 ) -> Bools:
     """Return which cells (c,), with nodes ``corners`` (c, 8), the surface does not cross like one plane.
 
-    In a planar cell the distances and normals of all corners agree with the tangent plane at the foot of the nearest
-    one. Other arguments are those of the nodes.
+    In a planar cell the distances and normals of all corners agree with the tangent plane at the foot of the nearest,
+    and no foot lies on a rim. The other arguments are those of all nodes, see :class:`LatticeNodes`.
     """
     trusted = distance > NORMAL_DISTANCE * spacing
     nearest = np.argmin(np.where(trusted[corners], distance[corners], np.inf), axis=1)
@@ -114,7 +114,7 @@ def _nonplanar_cells(
 def closest_points_and_normals(
     source: LocalSource, points: Floats, directions: Floats, length: float
 ) -> tuple[Floats, Floats]:
-    """Return closest points (n, 3) and unit normals (n, 3) of the surface, from queries moved off the surface.
+    """Return closest points (n, 3) and unit normals (n, 3) of a noisy surface, from queries moved off the surface.
 
     ``points`` (n, 3): points near the surface.
     ``directions`` (n, 3): approximate normals, along which points are moved. Where such a step leads along the surface,

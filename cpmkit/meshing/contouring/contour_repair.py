@@ -51,8 +51,7 @@ def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spa
 def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
     """Return the triangles (k, 3) that are left when flaps are removed one after the other.
 
-    A flap is a triangle with an open edge off rims that is attached along a single edge, or along an edge of three
-    triangles or more.
+    A flap has two open edges off rims; or an open edge off rims, or two open edges, and a nonmanifold edge.
     """
     from cpmkit.meshing.contouring.contouring_kernels import remove_flap_triangles
 
@@ -127,7 +126,7 @@ CROSSING_ANGLE = 35.0
 
 
 def separate_sheets(source: LocalSource, vertices: Floats, cells: Ints) -> tuple[Floats, Ints]:
-    """Return vertices (v, 3) and triangles (m, 3), with sheets separated at edges of four triangles off crossings.
+    """Return vertices (v, 3) and triangles (m, 3), with sheets separated at edges of four triangles unless they cross.
 
     The four triangles are paired by the smaller angles between them; only the two of a pair keep common vertices.
     Where both pairs stay connected another way around, the edge of one pair is halved.
@@ -154,13 +153,10 @@ def crowded_edges(source: LocalSource, vertices: Floats, cells: Ints, edges: Edg
 def _edges_of_four(
     source: LocalSource, vertices: Floats, cells: Ints, edges: EdgeTable
 ) -> tuple[Ints, Ints, Floats, Bools]:
-    """Return the edges of four triangles, the order of these, the angles between them, and whether sheets cross there.
+    """Return the edges (k,) of four triangles, slots (k, 4), angles (k, 4), and whether (k,) two sheets cross there.
 
-    Returned ``edge`` (k,).
-    Returned ``slots`` (k, 4): the slots, see :meth:`EdgeTable.slots_of`, of the triangles in their order around the
-        edge.
-    Returned ``gaps`` (k, 4): the angles between neighbouring triangles.
-    Returned ``crossing`` (k,): whether two sheets cross there.
+    The slots, see :meth:`EdgeTable.slots_of`, are those of the triangles in their order around the edge; the angles are
+    those between neighbouring triangles in this order.
     """
     edge = np.flatnonzero(edges.count == 4)
     slots = edges.slots_of(edge, 4)
@@ -224,9 +220,7 @@ def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints)
 
     A fan is a set of triangles at a vertex that are connected across edges.
 
-    ``cells`` (m, 3).
-    ``separated`` (k,): edges across which only the triangles of a pair are in one fan; across other edges all triangles
-        are.
+    ``separated`` (k,): edges across which only the triangles of a pair are in one fan; across other edges all are.
     ``pairs`` (k, 2, 2): the slots of the two pairs of each of these edges.
     """
     slots = np.argsort(edges.of_cells.ravel(), kind="stable")

@@ -35,8 +35,7 @@ class RimTest:
         """Return the closest points (n, 3) of points moved outwards, and whether (n,) these lie on a rim near by.
 
         ``points`` (n, 3): points on the surface or near it.
-        ``outward``, ``normals`` (n, 3): unit vectors tangent to the surface, towards the rim, and normal to the
-            surface.
+        ``outward``, ``normals`` (n, 3): unit tangents of the surface, towards the rim, and unit normals of it.
         ``reach`` (n,): distances by which the points are moved.
         """
         answer = self.source.closest_point(points + reach[:, None] * outward)
@@ -156,7 +155,7 @@ def _folded_pairs(vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Ints, I
 def _shortest_edges(vertices: Floats, cells: Ints, chosen: Ints) -> tuple[Ints, Floats]:
     """Return the shortest edge (k, 2) of each triangle in ``chosen`` (k,), and its length (k,).
 
-    Edges that connect two borders are excluded; the length is infinite if no edge remains.
+    Inner edges with both ends on the border are excluded; the length is infinite if no edge remains.
     """
     corners = cells[chosen]
     ends = corners[:, [[1, 2], [2, 0], [0, 1]]]
@@ -173,7 +172,7 @@ def _shortest_edges(vertices: Floats, cells: Ints, chosen: Ints) -> tuple[Ints, 
 def weld_rim_corners(vertices: Floats, cells: Ints, spacing: float) -> Ints:
     """Return the triangles (n, 3) with coincident border vertices welded where two open edges run between such places.
 
-    Several vertices are moved to a corner of a rim.
+    Several vertices may have been moved to one corner of a rim.
     """
     from scipy.spatial import cKDTree
 

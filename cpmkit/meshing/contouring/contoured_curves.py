@@ -38,7 +38,7 @@ class TraceDefects:
 def contour_curve(source: LocalSource, spacing: float) -> tuple[Mesh, TraceDefects]:
     """Return segments on a curve, and their defects; vertices lie at its ends, corners and junctions.
 
-    Raises ResolutionError if the curve is shorter than a step.
+    Raises ResolutionError if the first trace has no piece as large as half a spacing.
 
     ``source``: a curve (m = 1) in the plane or in space. Its tangents are not used.
     ``spacing``: spacing h of the form's lattice.
@@ -61,7 +61,7 @@ def contour_curve(source: LocalSource, spacing: float) -> tuple[Mesh, TraceDefec
 
 
 def _trace_on(source: LocalSource, spacing: float, step: float, shift: float) -> tuple[CurveGraph, TraceDefects] | None:
-    """Return the graph of the curve traced by steps of this length, and its defects; None without a segment."""
+    """Return the graph of a curve traced from cells of this ``shift``, and its defects; None without segments."""
     for _, level in cell_levels(source, spacing, shift):
         cells = level
     points = source.closest_point(np.asarray((cells - shift + 0.5) * spacing)).points
@@ -112,12 +112,11 @@ def _distances_from_chords(
     owners: tuple[Ints, Ints] | None = None,
     height: Floats | float = 0.0,
 ) -> Floats:
-    """Return the distance (n,) of each point from the nearest chord, infinity if there is none within ``reach``.
+    """Return the distance (n,) of ``points`` (n, d) from the nearest chord; infinity if none may be within ``reach``.
 
-    ``points`` (n, d).
     ``starts``, ``stops`` (c, d): the ends of the chords.
-    ``owners`` ((n,) int64, (c,) int64): the segment of each point and of each chord: chords of a point's own segment do
-        not count.
+    ``owners`` ((n,) int64, (c,) int64): the segment of each point and chord: chords of a point's own do not count.
+    ``height`` (c,) or float: subtracted from the distances of each chord, which has an arc above it.
     """
     row, chord, distance, _ = near_chords(points, starts, stops, reach)
     distance = distance - np.broadcast_to(height, len(starts))[chord]

@@ -13,10 +13,10 @@ from cpmkit.types import Bools, Floats, Ints
 def unite_flat(
     start: Ints, member: Ints, points: Floats, normals: Floats, sine: float, cosine: float, error: float, group: Ints
 ) -> None:
-    """Unite the sets in ``group`` (k,) of entries of a cell whose chord is flat (``dual_vertices.chord_is_flat``).
+    """Unite crossings of one cell whose chord is flat (``dual_vertices.chord_is_flat``), in the forest ``group`` (k,).
 
-    Entry i is the crossing ``member[i]``; cell c has the entries from ``start[c]`` to ``start[c + 1]``. Afterwards
-    ``group[i]`` is the root of the set of entry i.
+    Entry i of ``member`` and ``group`` is a crossing of a cell; cell c has the entries from ``start[c]`` to
+    ``start[c + 1]``. Afterwards ``group[i]`` is the root of the set of entry i.
     """
     for cell in range(len(start) - 1):
         for i in range(start[cell], start[cell + 1]):
@@ -37,7 +37,7 @@ def unite_flat(
 
 @compiled
 def unite(first: Ints, second: Ints, group: Ints) -> None:
-    """Unite the sets in ``group`` (k,) of the entries ``first`` and ``second`` (p,), pair by pair."""
+    """Unite the sets of entries ``first`` and ``second`` (p,) in the forest ``group`` (k,); let it hold the roots."""
     for i in range(len(first)):
         group[find_root(group, first[i])] = find_root(group, second[i])
     for i in range(len(group)):
@@ -48,7 +48,7 @@ def unite(first: Ints, second: Ints, group: Ints) -> None:
 def nearest_pairs(start: Ints, member: Ints, points: Floats, group: Ints, pairs: Ints) -> int:
     """Fill ``pairs`` (p, 2) with the nearest two entries of any two groups in one cell, and return the number of pairs.
 
-    With ``pairs`` (0, 2) they are only counted.
+    Entries as in :func:`unite_flat`. With ``pairs`` (0, 2) they are only counted.
     """
     count = 0
     for cell in range(len(start) - 1):
@@ -79,8 +79,8 @@ def remove_flap_triangles(candidates: Ints, of: Ints, count: Ints, on_rim: Bools
     """Set ``alive`` to False for flaps among the triangles ``candidates`` (c,) until none is left; return their number.
 
     A flap has two open edges off rims; or an open edge off rims, or two open edges, and an edge of three triangles or
-    more. Flaps with most open edges go first. ``count`` (e,), the number of triangles of each edge, and ``alive`` (m,)
-    are updated; ``of`` (m, 3) are the edges of each triangle. Edges that become open count as lying on a rim.
+    more. Flaps with most open edges go first. ``count`` (e,), the number of triangles of each edge, ``alive`` (m,) and
+    ``on_rim`` (e,) are updated; ``of`` (m, 3) are the edges of triangles. Edges that become open count as on a rim.
     """
     removed = 0
     while True:
@@ -119,7 +119,7 @@ def _area(points: Floats, i: int, j: int, k: int) -> float:
 
 @compiled
 def least_area_triangles(points: Floats) -> Ints:
-    """Return the triangulation (n - 2, 3) of a closed polygon ``points`` (n, 3) with the least total area.
+    """Return the triangulation (n - 2, 3) of a hole with border ``points`` (n, 3) that has the least total area.
 
     Barequet and Sharir, Filling gaps in the boundary of a polyhedron (1995).
     """

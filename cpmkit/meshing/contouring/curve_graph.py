@@ -38,7 +38,10 @@ def trace_curve(source: LocalSource, seeds: Floats, step: float) -> CurveGraph:
 
 
 def _assemble(tracer: CurveTracer) -> CurveGraph:
-    """Return the graph that a tracer made; arms that come to other parts are prolonged beyond these."""
+    """Return the graph that a tracer made; a segment to a corner after which the trace met its own points is prolonged.
+
+    It ends at a point straight ahead instead, so that it crosses the other part; ``ends`` are these points.
+    """
     segments = np.concatenate([np.zeros((0, 2), dtype=np.int64), *tracer.segments])
     last = np.concatenate([np.zeros(0, dtype=np.int64), *tracer.junctions])
     vertices = tracer.points.copy()
@@ -56,7 +59,7 @@ def project_middles(source: LocalSource, vertices: Floats, segments: Ints) -> Fl
 
 
 def split_at_vertices(source: LocalSource, graph: CurveGraph, reach: float) -> CurveGraph:
-    """Return the graph with segments split at vertices of others that lie on them."""
+    """Return the graph with segments split at vertices of others that are within ``reach`` of them."""
     a, b = graph.vertices[graph.segments].transpose(1, 0, 2)
     vertex, segment, distance, share = near_chords(graph.vertices, a, b, reach)
     length = norms(b - a)[segment]
@@ -90,9 +93,9 @@ def add_corners(source: LocalSource, graph: CurveGraph, step: float) -> CurveGra
 
 
 def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
-    """Return the graph with a common vertex where two strands cross that are not connected by one or two segments.
+    """Return the graph with a common vertex where two segments cross that are not linked, see :func:`_are_linked`.
 
-    The parts by which arms were prolonged are left out.
+    The prolonged parts of :func:`_assemble` are left out; ``ends`` become the loose ends at which the curve ends.
     """
     i, j, points = _self_crossings(source, graph, step)
     vertices = np.concatenate([graph.vertices, points])
@@ -118,7 +121,7 @@ def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> C
 
 
 def _self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> tuple[Ints, Ints, Floats]:
-    """Return the pairs (k,), (k,) of segments that cross without a common vertex, and the crossings (k, d)."""
+    """Return the pairs (k,), (k,) of segments that cross, but are not linked or parallel, and the crossings (k, d)."""
     from scipy.spatial import KDTree
 
     a, b = graph.vertices[graph.segments].transpose(1, 0, 2)

@@ -121,7 +121,8 @@ class CurveTracer:
     def _met_points(self, last: Ints, target: Floats, direction: Floats, bend: Floats, turned: Bools) -> Ints:
         """Return the number (f,) of the first traced point that the step from ``last`` meets, -1 if there is none.
 
-        The trace must have the step's ``direction`` (f, d) there, unless the step follows a corner (``turned``).
+        The trace must have the step's ``direction`` (f, d) there, unless the step follows a corner (``turned``). Points
+        within six steps along the same trace do not count.
         """
         from scipy.spatial import KDTree
 
@@ -153,7 +154,7 @@ class CurveTracer:
         return np.asarray(is_close & (np.abs(dots(directions, their_directions)) > 0.8))
 
     def _are_recent(self, first: Ints, second: Ints) -> Bools:
-        """Return which pairs of points (k,), (k,) are neighbours along one trace."""
+        """Return which pairs of points (k,), (k,) are less than six steps apart along one trace."""
         same = self.piece[first] == self.piece[second]
         return np.asarray(same & (np.abs(self.place[first] - self.place[second]) < 6))
 
@@ -172,7 +173,7 @@ class CurveTracer:
         return partner
 
     def _look_ahead(self, ends: OpenEnds) -> OpenEnds:
-        """Return the ends that go on, with the places where they step to; the others are ends of the curve."""
+        """Return the ends that go on, with the places where they step to; corners and ends of the curve are added."""
         here, heading, last = self.points[ends.last], ends.heading, ends.last.copy()
         target = self.source.closest_point(here + self.step * heading).points
         way = target - here

@@ -23,9 +23,9 @@ CREASE_DISTANCE = 0.1
 
 
 def chord_is_flat(a: Floats, b: Floats, normal_a: Floats, normal_b: Floats, position_error: float) -> Bools:
-    """Return which chords (n,) from ``a`` to ``b`` (n, 3) lie in the tangent planes at both ends.
+    """Return which chords (n,) from ``a`` to ``b`` (n, 3) nearly lie in the tangent planes at both ends.
 
-    A normal of zero is unknown. The ends are known up to ``position_error``.
+    The normals (n, 3) must agree up to sign; zero stands for an unknown one. Ends are known up to ``position_error``.
     """
     chord = b - a
     sine = 0.5 * (np.abs(dots(chord, normal_a)) + np.abs(dots(chord, normal_b)))
@@ -45,12 +45,11 @@ def connected_on_surface(
 ) -> Bools:
     """Return which pairs (n,) of points ``a`` and ``b`` (n, 3) of a surface are connected along it inside boxes.
 
-    They are connected if the chord is flat, and if a crease between them lies on the surface and passes the box; a
-    crease elsewhere connects them in another box. Otherwise the chord is bisected: the closest point of its midpoint
-    replaces one end, so that the half that is not flat, or the longer half, is left. At a crease the gap shrinks to
-    zero, between two sheets it does not.
+    They are if the chord is flat, or if a crease of the surface between them passes the box; a crease that passes it by
+    connects them in another box. Otherwise the chord is bisected: the closest point of its midpoint replaces one end,
+    so that the half that is not flat, or the longer half, is left. They are connected if the gap shrinks to zero;
+    between two sheets it does not.
 
-    ``a``, ``b`` (n, 3).
     ``normal_a``, ``normal_b`` (n, 3): unit normals at ``a`` and ``b``, of either sign.
     ``position_error``: the length up to which the points are known.
     ``box`` ((n, 3), (n, 3)) float64: the lowest and the highest corner of each box.
@@ -92,10 +91,10 @@ def connected_on_surface(
 def _connected_over_crease(
     source: LocalSource, a: Floats, b: Floats, normal_a: Floats, normal_b: Floats, position_error: float
 ) -> tuple[Bools, Floats]:
-    """Return whether the tangent planes at ``a`` and ``b`` (n, 3) meet in a crease, (n,), and the crease point (n, 3).
+    """Return whether (n,) the tangent planes at ``a`` and ``b`` (n, 3) meet in a crease, and points (n, 3) of creases.
 
     The point of the planes' common line nearest to the chord's middle must lie on the surface, and so must the middles
-    of the two chords from it to ``a`` and ``b``.
+    of the two chords from it to ``a`` and ``b``. The points are of use only where the planes meet so.
     """
     connected = np.zeros(len(a), dtype=bool)
     middle, length, cosine = 0.5 * (a + b), norms(b - a), dots(normal_a, normal_b)
@@ -137,10 +136,10 @@ LEAST_EIGENVALUE = 0.12
 
 
 def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings) -> tuple[Floats, Floats, Ints]:
-    """Return a vertex for each group of crossings of one cell's edges that are connected on the surface in the cell.
+    """Return vertices (v, 3) on the surface, unit normals (v, 3) there of either sign, and quadrilaterals (c, 4).
 
-    Returned are the vertices (v, 3), unit normals (v, 3) there of either sign, and the vertices (c, 4) in the cells
-    around the lattice edge of each crossing, in cyclic order.
+    Each group of crossings of one cell's edges that are connected on the surface in the cell has one vertex. Each
+    crossing has a quadrilateral: the vertices, in cyclic order, in the four cells around its lattice edge.
     """
     strides = nodes.codes.strides
     u, v = strides[(crossings.axis + 1) % 3], strides[(crossings.axis + 2) % 3]
@@ -188,13 +187,13 @@ def _connected_groups(
 def _least_squares_vertices(
     nodes: LatticeNodes, cells: Ints, crossings: Crossings, member: Ints, piece: Ints
 ) -> tuple[Floats, Floats]:
-    """Return the point (v, 3) nearest to the tangent planes of each group's crossings, and a unit normal (v, 3) there.
+    """Return points (v, 3) nearest to the tangent planes of the crossings of each group, and unit normals (v, 3) there.
 
     Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
     their cell by more than a tenth of its side are clipped.
 
     ``cells`` (v,): the code of the cell of each group.
-    ``member``, ``piece`` (k,): the crossing and the group of each entry.
+    ``member``, ``piece`` (k,): pairs of a crossing and its group; a crossing has four, one for each cell around it.
     """
     count = len(cells)
     share = 1.0 / np.bincount(piece, minlength=count)
@@ -219,9 +218,10 @@ def _least_squares_vertices(
 
 
 def dual_triangles(source: LocalSource, points: Floats, normals: Floats, around: Ints) -> Ints:
-    """Return the triangles (m, 3) into which the quadrilaterals around all crossings are split.
+    """Return the triangles (m, 3) into which the quadrilaterals ``around`` (c, 4) crossings are split.
 
-    Quadrilaterals are split along the diagonal whose midpoint is nearer to the surface, planar ones along the shorter.
+    ``points``, ``normals`` (v, 3) are those of the vertices. Quadrilaterals are split along the diagonal whose midpoint
+    is nearer to the surface, planar ones along the shorter; doubled ones are left out.
     """
     quads = _without_doubles(around)
     corners, normals = points[quads], normals[quads]
@@ -240,8 +240,8 @@ def dual_triangles(source: LocalSource, points: Floats, normals: Floats, around:
 def _without_doubles(quads: Ints) -> Ints:
     """Return the quadrilaterals (q, 4), with at most one of several on the same four vertices.
 
-    Two on the same vertices enclose a part thinner than a cell, and can be left out. One is kept where another sheet
-    ends at their edges, since that sheet would be cut off.
+    Two on the same vertices enclose a part thinner than a cell, and are left out. One is kept if their number is odd,
+    and where another sheet ends at their edges, since that sheet would be cut off.
     """
     ordered = np.sort(quads, axis=1)
     _, first, same, count = np.unique(ordered, axis=0, return_index=True, return_inverse=True, return_counts=True)

@@ -133,7 +133,7 @@ def edge_crossings(source: LocalSource, nodes: LatticeNodes) -> Crossings:
 def _candidate_edges(nodes: LatticeNodes, uncertainty: float) -> tuple[Ints, Ints, Ints]:
     """Return the tail, the head and the axis, each (c,), of the lattice edges that may cross the surface.
 
-    Such an edge is not longer than the sum of the distances at its ends, which are known up to half the
+    The distances at the ends of such an edge add up to its length at most; each is known up to half the
     ``uncertainty``.
     """
     tails, heads, axes = [], [], []

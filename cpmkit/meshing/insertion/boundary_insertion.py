@@ -86,7 +86,7 @@ def insert_boundaries(
         places = [point_positions(member, mesh.vertices) for member in boundary.members if member.manifold_dim == 0]
         if places:
             nearest = finder.search.nearest(in_three_dimensions(np.concatenate(places)))
-            pairs = zip(nearest.cell.tolist(), nearest.places(net).tolist(), strict=True)
+            pairs = zip(nearest.cell.tolist(), nearest.positions(net).tolist(), strict=True)
             points[number] = np.array([constrained.insert_point(cell, (x, y, z)) for cell, (x, y, z) in pairs])
             farthest[number] = float(nearest.distance.max())
         for line in polylines[number]:
@@ -161,7 +161,7 @@ def point_positions(source: LocalSource, vertices: Floats) -> Floats:
 
 
 def _cut_curve_at_points(mesh: Mesh, boundaries: Sequence[LocalSource]) -> Insertion:
-    """Return the segments of a curve split at the closest points of boundaries that consist of points."""
+    """Return the insertion of boundaries that consist of points: segments of a curve, split at their closest points."""
     members = [
         (number, member)
         for number, boundary in enumerate(boundaries)

@@ -108,7 +108,7 @@ class ConstrainedTriangulation:
 
     @property
     def _free_snap_share(self) -> float:
-        """The distance, in local edge lengths, below which a point is put at a vertex or edge off all boundaries."""
+        """The distance, in local edge lengths, below which a point is put at a vertex or edge off other boundaries."""
         if self.owner in self.close:
             return OTHER_SNAP_SHARE
         return SNAP_SHARE if self.at_end else self.snap_share

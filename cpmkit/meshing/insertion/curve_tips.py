@@ -70,7 +70,7 @@ def _last_edge(finder: PathFinder, tip: int) -> BoundaryEdge | None:
 
 
 def _tips(finder: PathFinder, links: Links) -> list[int]:
-    """Return the vertices with one neighbour along boundaries that lie on no rim."""
+    """Return the tips: the vertices off rims that have one neighbour along boundaries."""
     return [v for v, others in links.items() if len(others) == 1 and not finder.triangulation.is_on_rim(v)]
 
 

@@ -78,11 +78,9 @@ def refine_curve(
 
 
 def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPolyline]) -> tuple[Floats, Ints]:
-    """Return points of a segment beside the points that an earlier polyline has between the partners of its ends.
+    """Return points (k, 3) of a segment with ``ends`` (2, 3), and their partners (k, 2) on an earlier polyline.
 
-    ``ends``, ``partners`` (2, 3) float64, (2, 2) int64: ends of the segment, and their partners.
-    Returned ``points`` (k, 3).
-    Returned ``partners`` (k, 2).
+    These are the points that the earlier polyline has between the ``partners`` (2, 2) of the segment's ends.
     """
     none = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
     number = int(partners[0, 0])
@@ -124,7 +122,7 @@ def runs_on_surface(
         order = (np.arange(len(points) + 1) + int(off.argmax())) % len(points)
         points, matched, off = points[order], matched.take(order), off[order]
     runs = []
-    for first, last in _stretches(~off):
+    for first, last in _true_ranges(~off):
         parts = [matched.take(np.arange(first, last))]
         if first > 0:
             parts.insert(0, _rim_passage(triangulation, search, points[first], points[first - 1]))
@@ -137,7 +135,7 @@ def runs_on_surface(
 def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections: Projections) -> Floats:
     """Return the distance (n,) of each point past a rim, along the surface, in local edge lengths; 0 before a rim."""
     corners = triangulation.original.vertices[triangulation.original.cells[projections.cell]]
-    off = points - projections.places(triangulation)
+    off = points - projections.positions(triangulation)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal = across / norms(across)[:, None]
     height = dots(off, normal)
@@ -163,15 +161,15 @@ def _past_rim(offsets: Floats, closed: bool) -> Bools:
     off = offsets > PAST_RIM_SHARE
     start = int((~off).argmax()) if closed else 0
     off, offsets = np.roll(off, -start), np.roll(offsets, -start)
-    for first, last in _stretches(off):
+    for first, last in _true_ranges(off):
         ends = (first == 0) + (last == len(off))
         if offsets[first:last].max() < 0.15 and (closed or ends != 1):
             off[first:last] = False
     return np.roll(off, start)
 
 
-def _stretches(mask: Bools) -> list[tuple[int, int]]:
-    """Return the start and the end (exclusive) of each stretch of True in ``mask`` (n,)."""
+def _true_ranges(mask: Bools) -> list[tuple[int, int]]:
+    """Return the first row and the row past the last of each run of True in a ``mask`` (n,) of points."""
     change = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]
 
@@ -189,10 +187,9 @@ def _rim_passage(triangulation: SplitTriangulation, search: TriangleSearch, on: 
 
 
 def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[str]) -> float:
-    """Insert a curve as edges of the triangulation, and return the largest distance between the two.
+    """Insert a curve as edges of the triangulation, and return the largest distance of its points from the surface.
 
-    Parts of the curve past a rim do not count. ``counts`` counts ``disconnected`` points, between which
-    there is no path.
+    Points past a rim do not count. ``counts["disconnected"]`` grows by the number of steps that have no path.
     """
     net, farthest = finder.triangulation, 0.0
     matched = match_to_surface(net, line.points, finder.search.candidates(line.points))
@@ -200,7 +197,7 @@ def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[st
         waypoints = _insert_waypoints(finder, run, closed, line)
         # Projections go back between some vertices while the curve, off the surface there, continues.
         known = (run.point[1:] >= 0) & (run.point[:-1] >= 0)
-        ahead = dots(np.diff(line.points[run.point], axis=0), np.diff(run.places(net), axis=0))
+        ahead = dots(np.diff(line.points[run.point], axis=0), np.diff(run.positions(net), axis=0))
         backward = {waypoints[row + k].vertex for row in np.flatnonzero(known & (ahead < 0)).tolist() for k in (0, 1)}
         farthest = max(farthest, float(matched.distance[run.point[run.point >= 0]].max(initial=0.0)))
         for path in _paths_through(finder, waypoints, closed, counts):
@@ -223,7 +220,7 @@ class Waypoint(NamedTuple):
 def _insert_waypoints(finder: PathFinder, run: Projections, closed: bool, line: InsertionPolyline) -> list[Waypoint]:
     """Return the vertices at the projections of a run, and record them for later curves that nearly coincide."""
     waypoints = []
-    places = run.places(finder.triangulation).tolist()
+    places = run.positions(finder.triangulation).tolist()
     for k, (point, cell, (x, y, z)) in enumerate(zip(run.point, run.cell.tolist(), places, strict=True)):
         is_end = not closed and k in (0, len(places) - 1)
         if point < 0:

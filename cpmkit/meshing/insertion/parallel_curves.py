@@ -28,11 +28,12 @@ LEAST_STEP_SHARE = 1e-3
 def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[LocalSource], spacing: float) -> Ints:
     """Return the number (n,) of the earlier boundary on which each point of a curve lies, -1 for none.
 
-    Two curves coincide at a point where their distance vanishes, and along a stretch on which they stay near and change
-    sides three times or more: the same curve with other vertices. Parallel curves never do.
+    Points lie on a boundary where their distance vanishes, if two do at least (one alone is a crossing); and where the
+    curve stays near it and changes sides three times or more: there it is the same curve with other vertices.
 
-    ``points`` (n, d): consecutive points of the curve.
-    ``earlier``: boundaries inserted before.
+    ``points`` (n, d): consecutive points of the ``curve``.
+    ``earlier``: boundaries inserted before; of several on which a point lies, the last counts.
+    ``spacing``: spacing h of the lattice, to which tolerances refer.
     """
     numbers = np.full(len(points), -1)
     share = np.arange(SEGMENT_POINTS)[:, None] / SEGMENT_POINTS
@@ -65,7 +66,7 @@ def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
 
 
 def _rotate(vectors: Floats, start: Floats, end: Floats) -> Floats:
-    """Return ``vectors`` (n, 3) under the rotation that takes the unit vectors ``start`` (n, 3) to ``end`` (n, 3)."""
+    """Return ``vectors`` (n, 3) under the rotation that takes unit chords ``start`` (n, 3) to ``end`` (n, 3)."""
     axis, cosine = np.cross(start, end), dots(start, end)
     once = np.cross(axis, vectors)
     return np.asarray(vectors + once + np.cross(axis, once) / np.maximum(1 + cosine, 1e-9)[:, None])
@@ -216,7 +217,7 @@ def _add_fixed_points(early: SimplifiedCurve, late: SimplifiedCurve, spacing: fl
 def _follow(late: SimplifiedCurve, early: SimplifiedCurve, number: int, spacing: float) -> SimplifiedCurve:
     """Return the later curve with its points near the earlier curve replaced by closest points of that curve's points.
 
-    ``number`` is that of the earlier curve, for ``partners``.
+    Ends and corners stay. ``number`` is that of the earlier curve, for ``partners``.
     """
     projected = late.project(early.points)
     off = projected - early.points

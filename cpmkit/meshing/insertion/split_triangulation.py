@@ -133,7 +133,7 @@ class SplitTriangulation:
         return fan
 
     def cells_of_edge(self, a: int, b: int) -> list[int]:
-        """Return the triangles at an edge: two inside, one on a rim, none where there is no edge."""
+        """Return the triangles at an edge: one on a rim, two or more inside, none where there is no edge."""
         return [cell for cell in self.fan(a) if b in self.corners(cell)]
 
     def neighbours(self, vertex: int) -> set[int]:
@@ -149,7 +149,7 @@ class SplitTriangulation:
         return self._parts.get(root, [root])
 
     def size(self, vertex: int) -> float:
-        """Return the local edge length L at a vertex: the mean edge of an original triangle there."""
+        """Return the local edge length L at a vertex: that of an original triangle there, see ``sizes``."""
         return float(self.sizes[self.root(self.fan(vertex)[0])])
 
     def normal(self, cell: int) -> Vector:
@@ -227,7 +227,7 @@ class SplitTriangulation:
         return new
 
     def refine_path(self, path: list[int]) -> list[int]:
-        """Return a path over edges, with the vertices at which its edges were split since inserted."""
+        """Return a path over edges, with vertices added at which its edges have been split since."""
         refined = path[:1]
         for goal in path[1:]:
             waiting = [goal]

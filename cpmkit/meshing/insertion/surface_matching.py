@@ -38,7 +38,7 @@ class Projections:
         """Return the projections of all ``parts``, one part after the other."""
         return cls(*(np.concatenate([getattr(part, column.name) for part in parts]) for column in fields(cls)))
 
-    def places(self, triangulation: SplitTriangulation) -> Floats:
+    def positions(self, triangulation: SplitTriangulation) -> Floats:
         """Return the positions (k, 3) of the projections on the original triangles of a triangulation."""
         return np.asarray(
             np.einsum(
@@ -155,16 +155,16 @@ def nearest_barycentric(points: Floats, corners: Floats) -> Floats:
 
 
 def position_on(triangulation: SplitTriangulation, root: int, shares: Floats) -> Vector:
-    """Return the position of the point with barycentric coordinates ``shares`` (3,) in an original triangle."""
+    """Return the position of the point with barycentric coordinates ``shares`` (3,) in original triangle ``root``."""
     x, y, z = (shares @ triangulation.original.vertices[triangulation.original.cells[root]]).tolist()
     return x, y, z
 
 
 def match_to_surface(triangulation: SplitTriangulation, points: Floats, candidates: Projections) -> Projections:
-    """Return one projection for each of consecutive ``points`` (n, 3), chosen so that the curve stays on its sheet.
+    """Return one of the ``candidates`` for each of consecutive ``points`` (n, 3), so that the curve stays on its sheet.
 
-    The sequence of ``candidates`` has least total cost: the distances of the projections plus, for each step, the
-    length of the path over the surface in excess of 1.5 chords and 1.5 local edge lengths, at most 6 of these.
+    Their total cost is least. Each projection costs its distance. Each step between triangles without a common vertex
+    costs path - 1.5 (chord + L), at least 0 and at most 6 L; path is the shortest over edges, L the edge length there.
     """
     first = np.flatnonzero(np.diff(candidates.point, prepend=-1))
     counts = np.diff(np.append(first, len(candidates.point)))
@@ -263,7 +263,7 @@ def refine_polyline(source: LocalSource, line: Polyline, length: float) -> Polyl
 
 
 def simplify_polyline(points: Floats, tolerance: Floats) -> Ints:
-    """Return the rows (k,) of ``points`` (n, d) whose polyline is within the ``tolerance`` (n,) of every point.
+    """Return rows (k,) of ``points`` (n, d) whose polyline passes every point within its ``tolerance`` (n,).
 
     Douglas and Peucker (1973).
     """

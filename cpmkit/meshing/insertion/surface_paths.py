@@ -126,8 +126,8 @@ class PathFinder:
     def _vertex_at(self, here: int, fan_exit: FanExit, goal: int) -> int:
         """Return the vertex at which a path from ``here`` to ``goal`` leaves the triangles around ``here``.
 
-        The path is snapped to vertices like any other point, unless it would then follow a rim to or from the inside:
-        the end inside is that of a curve, and is kept apart from the rim.
+        It is snapped to a vertex near by like any other point, but with the tolerance of ends of curves where the
+        path would otherwise lead along a rim although ``here`` or ``goal`` lies inside.
         """
         net, constrained = self.triangulation, self.constrained
         place = fan_exit.a, fan_exit.b, fan_exit.share, net.size(here)
@@ -196,7 +196,7 @@ class PathFinder:
 
 
 def erase_short_loops(triangulation: SplitTriangulation, path: list[int], backward: set[int]) -> list[int]:
-    """Return a path without short loops that are not part of the curve.
+    """Return a path without loops shorter than two local edge lengths, or four at ``backward`` vertices.
 
     Such loops come from projections that jump, from cusps of offset curves and from noise in polylines.
 
