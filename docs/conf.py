@@ -18,12 +18,18 @@ copyright = author
 version = release = cpmkit.__version__
 
 extensions = [
-    *("myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"),
+    *("myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"),
     *("sphinx.ext.viewcode", "sphinx_copybutton"),
 ]
 exclude_patterns = ["_build", "generated/*.md", "tables/*.md"]  # pages include these
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
+# The tutorials are executed at each build; a cell that fails, fails the build.
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
+nb_merge_streams = True
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"cpmkit {release}"
