@@ -51,32 +51,6 @@ def test_docstrings_hold_examples():
     assert sum(counts) >= 5
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        "docs/tutorial/first-solve.md",
-        "docs/how-to/read-a-mesh.md",
-        "docs/how-to/choose-a-spacing.md",
-        "docs/how-to/draw-a-boundary.md",
-        "docs/how-to/combine-sources.md",
-        "docs/how-to/choose-a-condition.md",
-        "docs/how-to/choose-an-equation.md",
-        "docs/how-to/run-in-time.md",
-        "docs/how-to/read-a-solution.md",
-        "docs/how-to/solve-many-times.md",
-        "docs/how-to/describe-a-shape.md",
-        "docs/how-to/fit-scattered-data.md",
-        "docs/how-to/fill-in-values.md",
-        "docs/explanation/two-forms.md",
-    ],
-)
-def test_python_on_pages(page, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    code = "\n".join(blocks(page, "python"))
-    assert code
-    exec(compile(code, page, "exec"), {})
-
-
 def test_python_in_the_readme(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}
@@ -86,19 +60,6 @@ def test_python_in_the_readme(tmp_path, monkeypatch):
     assert (tmp_path / "torus.png").stat().st_size > 10_000
     assert abs(names["solution"].evaluate([[0, -1.45, 0.0]]) - [[1.0, 0.9, 0.2]]).max() < 0.02
     assert abs(names["solution"].evaluate([[1, 0, 0.45]], side="left") - [[0.9, 0.2, 0.1]]).max() < 0.02
-
-
-@pytest.mark.parametrize(
-    "page", ["docs/tutorial/first-solve.md", "docs/reference/scene-keys.md", "docs/how-to/combine-sources.md"]
-)
-def test_scenes_on_pages(page, tmp_path):
-    from cpmkit import explain
-
-    for number, text in enumerate(blocks(page, "toml")):
-        file = tmp_path / f"{number}.toml"
-        file.write_text(text)
-        loaded = load_scene(file)
-        assert explain(loaded.scene, loaded.spacing, dry_run=True, **loaded.options).unknowns > 0
 
 
 def documented(page):

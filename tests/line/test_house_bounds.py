@@ -1,8 +1,6 @@
 """The code stays small and keeps to the field's words: bounds on lines, private words and repeated file names."""
 
-import importlib.util
-from pathlib import Path
-
+import measure_house as measure
 import pytest
 
 #: Lines that the core may have, a tenth above the 50,000 that it has. Raise it with a reason here.
@@ -11,17 +9,7 @@ LINES = 55_000
 PRIVATE_NAMES = 6
 
 
-@pytest.fixture(scope="module")
-def measure():
-    """Return the script that prints the table."""
-    path = Path(__file__).parent / "measure_house.py"
-    spec = importlib.util.spec_from_file_location("measure_house", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def faults(measure, root, lines, private_names):
+def faults(root, lines, private_names):
     """Return the sentences on what exceeds its bound in a checkout."""
     core, code = measure.python_files("cpmkit", root=root), measure.python_files("cpmkit", "plugins", root=root)
     found, private, repeated = [], measure.private_names(code), measure.repeated_file_names(core)
@@ -34,8 +22,8 @@ def faults(measure, root, lines, private_names):
     return found
 
 
-def test_the_core_keeps_its_bounds(measure):
-    assert faults(measure, measure.ROOT, LINES, PRIVATE_NAMES) == []
+def test_the_core_keeps_its_bounds():
+    assert faults(measure.ROOT, LINES, PRIVATE_NAMES) == []
 
 
 @pytest.mark.parametrize(
@@ -47,7 +35,7 @@ def test_the_core_keeps_its_bounds(measure):
         ("cpmkit/mesh/lattice.py", "", "lattice"),
     ],
 )
-def test_a_planted_fault_is_found(measure, tmp_path, file, text, fault):
+def test_a_planted_fault_is_found(tmp_path, file, text, fault):
     for path in (
         "cpmkit/__init__.py",
         "cpmkit/grid/__init__.py",
@@ -56,13 +44,13 @@ def test_a_planted_fault_is_found(measure, tmp_path, file, text, fault):
     ):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text("held = 1\n" if "tests" in path else "")
-    assert faults(measure, tmp_path, 10, 0) == []
+    assert faults(tmp_path, 10, 0) == []
     (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / file).write_text(text)
-    (sentence,) = faults(measure, tmp_path, 10, 0)
+    (sentence,) = faults(tmp_path, 10, 0)
     assert fault in sentence
 
 
-def test_words_of_identifiers(measure):
+def test_words_of_identifiers():
     assert measure.words_of("wasTold_AskedFor2") == ["was", "told", "asked", "for", "2"]
     assert "withheld" in measure.words_of("withheld")  # a word, not a part of one
