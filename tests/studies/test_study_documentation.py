@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from click.testing import CliRunner
+from measure_docs import code_blocks
 
 from cpmkit.cli import main
 from cpmkit.studies.records import gather, read_records
@@ -20,7 +21,8 @@ DOCS = ROOT / "docs"
 
 
 def blocks(page, language):
-    return re.findall(rf"^```{language}\n(.*?)^```", (DOCS / page).read_text(encoding="utf-8"), re.M | re.DOTALL)
+    text = (DOCS / page).read_text(encoding="utf-8")
+    return [block.text for block in code_blocks(text) if block.language == language]
 
 
 def test_the_study_in_the_documentation_converges(tmp_path):
