@@ -3,7 +3,7 @@
 Run ``python benchmarks/acceptance.py``, or with ``--row NAME``, several times if need be; ``--list`` names the rows. It
 needs ``pip install . ./plugins/* pyvista``, this repository's folder ``tests`` beside it, whose scenes it solves, and
 for real meshes ``CPMKIT_DATA`` set to a folder with fish.obj, koala.obj, nefertiti-lowres.obj, spot.obj and
-mountain.obj. It prints docs/tables/galerkin-acceptance.md, worst numbers over the positions of the lattice named, in
+mountain.obj. It prints tables/galerkin-acceptance.md, worst numbers over the positions of the lattice named, in
 the row's own unit, and what they have to stay below. All rows take about half an hour.
 """
 

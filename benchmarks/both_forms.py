@@ -3,7 +3,7 @@
 Run ``python benchmarks/both_forms.py``, or with the names of some of ``scenes``, ``studies``, ``finest``, ``meshes``,
 ``finest_meshes``, ``cuts``, ``representations`` and ``eigenvalues``; it needs ``pip install . ./plugins/*`` and, for
 real meshes, ``CPMKIT_DATA`` set to their folder; what is missing is left out, and said. It prints
-docs/tables/both-forms.md: the largest and the root mean square error in percent of the solution's range, each the root
+tables/both-forms.md: the largest and the root mean square error in percent of the solution's range, each the root
 mean square over positions of the lattice, and what share of it the Galerkin form leaves. Where that is more than a
 tenth above one, the reason stands beside.
 """

@@ -1,7 +1,7 @@
 """Diffusivities that vary, jump, conduct along directions, or depend on u: errors, steps and iterations.
 
 Run ``python benchmarks/coefficients.py``, or with the spacings behind it; it needs ``pip install . ./plugins/*``. It
-prints the tables of docs/tables/coefficients.md, on the unit sphere with exact solutions: root mean squares of the
+prints the tables of tables/coefficients.md, on the unit sphere with exact solutions: root mean squares of the
 error over 2,000 points and four positions of the grid, over the solution's range. Right-hand sides are in closed form.
 """
 

@@ -1,6 +1,6 @@
 """Estimates of errors over true errors, and errors over tolerances, on some 120 problems with exact solutions.
 
-Run ``python benchmarks/effectivity.py``, which prints the table of docs/tables/effectivity.md, and with ``--each`` a
+Run ``python benchmarks/effectivity.py``, which prints the table of tables/effectivity.md, and with ``--each`` a
 line a problem; it needs ``pip install . ./plugins/*`` and the folder ``tests`` of this repository. The problems are
 those of tests/extremes/exact_problems.py: smooth shapes, boundaries that end inside, curves that nearly coincide.
 """

@@ -2,7 +2,7 @@
 
 Run ``python benchmarks/eigenvalues.py``; it needs ``pip install . ./plugins/*`` and, for the last problems,
 ``CPMKIT_DATA`` set to a folder with fish.obj, koala.obj and spot.obj; those whose mesh is missing are left out. It
-prints the table of docs/tables/eigenvalues.md: the largest relative error of an eigenvalue other than zero, in percent
+prints the table of tables/eigenvalues.md: the largest relative error of an eigenvalue other than zero, in percent
 (of meshes: differences from linear finite elements on their own triangles), and the range of what
 ``cpmkit.estimate_error`` tells over the errors themselves. ``python benchmarks/eigenvalues.py block`` prints what
 twenty-five modes cost. It needs this repository's folder ``tests`` beside it.

@@ -1,6 +1,6 @@
 """What can and cannot be resolved: errors and estimates as something gets small, by both forms.
 
-Run ``python benchmarks/envelope.py``, which writes docs/tables/envelope.md and docs/images/envelope.png, or with names
+Run ``python benchmarks/envelope.py``, which writes tables/envelope.md and docs/images/envelope.png, or with names
 of families, of which it prints the table alone. ``--keep FILE`` keeps outcomes there, and what is there is not solved
 again. It needs ``pip install . ./plugins/* matplotlib`` and this repository's
 folder ``tests`` beside it. The scenes are those of tests/extremes/envelope_scenes.py.
@@ -23,7 +23,7 @@ from extremes.envelope_scenes import FAMILIES, Family  # noqa: E402
 
 from cpmkit.studies.tables import table_row, table_rule  # noqa: E402
 
-DOCS = Path(__file__).parents[1] / "docs"
+HERE, DOCS = Path(__file__).parent, Path(__file__).parents[1] / "docs"
 
 
 def rows(families: Sequence[Family], keep: Path | None) -> dict[tuple[str, str], list[Outcome]]:
@@ -119,7 +119,7 @@ def main(arguments: Sequence[str]) -> None:
     lines = "\n".join(table(families, found)) + "\n"
     print(lines, end="")
     if not given.names:
-        (DOCS / "tables" / "envelope.md").write_text(lines, encoding="utf-8")
+        (HERE / "tables" / "envelope.md").write_text(lines, encoding="utf-8")
         draw(families, found, DOCS / "images" / "envelope.png")
 
 

@@ -3,7 +3,7 @@
 Run ``python benchmarks/estimates.py``; it needs ``pip install . ./plugins/*``, this repository's folder ``tests``
 beside it, and, for real meshes, ``CPMKIT_DATA`` set to their folder. Each steady problem of trade_problems.py is solved
 at spacings 1.6 times apart, on lattices whose nodes lie elsewhere; every solution is held against those of 1.6 and 2.5
-times its spacing. It prints the table of docs/tables/estimates.md: of estimates over true errors, in both norms. With
+times its spacing. It prints the table of tables/estimates.md: of estimates over true errors, in both norms. With
 ``--into FOLDER`` the solutions that errors are measured against are kept there, as by trade.py.
 """
 

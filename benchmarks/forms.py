@@ -2,7 +2,7 @@
 
 Run ``python benchmarks/forms.py``; it needs ``pip install . ./plugins/*`` and, for the last five problems,
 ``CPMKIT_DATA`` set to a folder with fish.obj, koala.obj, nefertiti-lowres.obj, spot.obj and mountain.obj; those whose
-mesh is missing are left out. It prints the table of docs/tables/forms-problems.md: root mean squares of the error over
+mesh is missing are left out. It prints the table of tables/forms-problems.md: root mean squares of the error over
 the points of the study and over four positions of the grid, of meshes two, in percent of the solution's range (of
 meshes: differences from linear finite elements), what share of it the Galerkin form leaves, and what both cost. The
 forms take turns; a run of each, at a coarser spacing, comes before, so that compiling is no cost of either.

@@ -2,7 +2,7 @@
 
 Run ``python benchmarks/geodesics.py``; it needs ``pip install . ./plugins/* potpourri3d pygeodesic`` and, for the
 meshes, ``CPMKIT_DATA`` set to a folder with spot.obj, koala.obj and nefertiti-lowres.obj. It prints the rows of
-docs/tables/geodesics.md: root mean square over the origins of the mean error, as a share of the mean distance, in
+tables/geodesics.md: root mean square over the origins of the mean error, as a share of the mean distance, in
 percent, the largest error and the least distance less the straight line, as the same share; seconds of processor time
 of the first origin, with the tables, and of one more. Names of rows as arguments print those alone.
 """

@@ -1,8 +1,8 @@
 """Which form buys which error for what time and memory, on six scenes: the table of "How to choose".
 
-Run ``python benchmarks/how_to_choose.py > docs/tables/how-to-choose.md``, some minutes, with names of scenes for these
-alone; it needs ``pip install . ./plugins/*`` and, for Spot, ``CPMKIT_DATA`` set to the folder of the mesh. Every number
-is of one run; seconds are of the processor and of this machine.
+Run ``python benchmarks/how_to_choose.py > benchmarks/tables/how-to-choose.md``, some minutes, with names of scenes for
+these alone; it needs ``pip install . ./plugins/*`` and, for Spot, ``CPMKIT_DATA`` set to the folder of the mesh. Every
+number is of one run; seconds are of the processor and of this machine.
 """
 
 from __future__ import annotations

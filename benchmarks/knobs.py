@@ -1,7 +1,7 @@
 """What the knobs of the Galerkin form cost and gain: degree, stabilisation and samples, on the sphere and a torus.
 
 Run ``python benchmarks/knobs.py``, or with the spacings behind it; it needs ``pip install . ./plugins/cpmkit-analytic``
-and takes three minutes. It prints the table of docs/tables/knobs.md, from which ``CUBIC_ERROR`` follows, below which
+and takes three minutes. It prints the table of tables/knobs.md, from which ``CUBIC_ERROR`` follows, below which
 ``tolerance=`` chooses degree 3 (cpmkit/accuracy/spacing_search.py, tests/accuracy/test_degree_choice.py). Solutions are
 in closed form, errors root mean squares over the samples, of a solution with range about 1; processor times are of a
 whole solve on one thread, after one that compiles.

@@ -1,7 +1,7 @@
 """Logarithmic maps and transported vectors on a mesh, against its shortest ways and the vector heat method on meshes.
 
 Run ``python benchmarks/logarithms.py``; it needs ``pip install . ./plugins/* potpourri3d pygeodesic``, and
-``CPMKIT_DATA`` set to a folder with spot.obj. It prints the rows of docs/tables/logarithms.md: by distance, the mean
+``CPMKIT_DATA`` set to a folder with spot.obj. It prints the rows of tables/logarithms.md: by distance, the mean
 angle between what is transported and the exact one, in degrees, and the mean error of logarithms as a share of the
 distance, in percent; over several points, all by the same ways. Along a shortest way over facets a vector keeps its
 angle to the way. Angles round a vertex are those of its triangles, scaled to a full turn, as potpourri3d has them.

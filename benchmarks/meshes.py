@@ -1,7 +1,7 @@
 """The Galerkin form on real meshes, against its own solution on a fifth of the spacing, and finite elements likewise.
 
 Run ``python benchmarks/meshes.py``; it needs ``pip install . ./plugins/*`` and ``CPMKIT_DATA`` set to a folder with
-fish.obj, koala.obj, nefertiti-lowres.obj, spot.obj and mountain.obj. It prints docs/tables/forms-meshes.md: root mean
+fish.obj, koala.obj, nefertiti-lowres.obj, spot.obj and mountain.obj. It prints tables/forms-meshes.md: root mean
 squares over vertices in percent of the solution's range, of the Galerkin form over two positions of the grid.
 Linear finite elements have flat triangles, where the Galerkin form has the smooth surface that the mesh is read as: a
 difference between the two that is larger than the latter's error is of that kind, or theirs.

@@ -3,7 +3,7 @@
 Trace finite elements restrict those of a background mesh of tetrahedra to the surface, which a level set gives; with a
 mapping of the mesh, its geometry is of the order of the elements (ngsxfem). Make an environment for them, with
 ``python -m venv ENV; ENV/bin/pip install ngsolve xfem``, and run ``python benchmarks/ngsolve_trace.py ENV/bin/python``;
-it needs ``pip install . ./plugins/cpmkit-analytic``. It prints docs/tables/ngsolve.md: unknowns, root mean square
+it needs ``pip install . ./plugins/cpmkit-analytic``. It prints tables/ngsolve.md: unknowns, root mean square
 errors and processor time of whole solves, from the source to the solution, which take turns on one thread; beside the
 trace elements, also those of the Galerkin form of degree 2 on the coarsest lattice that has less error than they. The
 background meshes of the trace elements are made beforehand and not counted, nor is the search for that lattice; the

@@ -2,7 +2,7 @@
 
 Run ``CPMKIT_DATA=folder python benchmarks/normals.py``; it needs ``pip install . ./plugins/*`` and the meshes
 fish.obj, koala.obj, nefertiti-lowres.obj and spot.obj in that folder. It prints the two tables of
-docs/tables/normals.md: the error of the normals on meshes inscribed in an ellipsoid, and the difference between the
+tables/normals.md: the error of the normals on meshes inscribed in an ellipsoid, and the difference between the
 closest point method and linear finite elements for -Lap u + u = f, over several positions of the grid. Averages are
 the normals before they are tilted. Cost is the time to build a mesh beside that without tilting, median of rounds
 that take turns.

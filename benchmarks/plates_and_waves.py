@@ -1,7 +1,7 @@
 """Biharmonic problems by both forms beside each other, and what standing waves and plates cost the Galerkin form.
 
-Run ``python benchmarks/plates_and_waves.py plates`` for the table of docs/tables/plates.md: greatest errors of u and of
-Lap u. Run it with ``waves`` for that of docs/tables/waves.md: iterations and seconds of one thread, and with
+Run ``python benchmarks/plates_and_waves.py plates`` for the table of tables/plates.md: greatest errors of u and of
+Lap u. Run it with ``waves`` for that of tables/waves.md: iterations and seconds of one thread, and with
 ``factors`` for what a factorisation of the same systems takes. It needs ``pip install . ./plugins/*``.
 """
 

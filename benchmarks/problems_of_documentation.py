@@ -2,7 +2,7 @@
 
 Errors are taken from the exact solution where it is known. Where it is not, from the Galerkin form at a finer spacing,
 which is said beside the row: of the two forms it is the one whose own error is known on such surfaces
-(docs/tables/forms-meshes.md), and linear finite elements know flat triangles alone.
+(tables/forms-meshes.md), and linear finite elements know flat triangles alone.
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ def _of_mesh(study: Study, spacing: float, finer: float, off: Callable[[Any], An
 
 
 def cuts() -> Iterator[Problem]:
-    """Yield the problems of docs/tables/backends.md at the first of their spacings, against half of it."""
+    """Yield the problems of tables/backends.md at the first of their spacings, against half of it."""
     from backends import MESHES
     from backends import scenes as both_problems
 
@@ -201,7 +201,7 @@ def cuts() -> Iterator[Problem]:
 
 
 def representations() -> Iterator[Problem]:
-    """Yield the problems of docs/tables/representations.md, at two spacings."""
+    """Yield the problems of tables/representations.md, at two spacings."""
     import representations as study
 
     for manifold in (study.sphere(), study.torus()):
@@ -214,7 +214,7 @@ def representations() -> Iterator[Problem]:
 
 
 def eigenvalues() -> Iterator[Problem]:
-    """Yield those of docs/tables/eigenvalues.md: errors of each eigenvalue other than zero."""
+    """Yield those of tables/eigenvalues.md: errors of each eigenvalue other than zero."""
     for make, against in ((smooth_problems, "exact"), (mesh_problems, "finite elements")):
         for name, scene, exact, spacing in make():
             title = f"eigenvalues, {name}"

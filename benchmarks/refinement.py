@@ -1,7 +1,7 @@
 """Splines that are finer where the solution asks for it, against one spacing everywhere: unknowns at equal error.
 
 Run ``python benchmarks/refinement.py``; it needs ``pip install . ./plugins/*``. It prints the table of
-docs/tables/refinement.md. The uniform spacing is halved until the error is below that of the refined solution, once
+tables/refinement.md. The uniform spacing is halved until the error is below that of the refined solution, once
 more than its levels at most; the unknowns at equal error follow from the last two, on logarithms. The last column is
 the time of the finest uniform one.
 """

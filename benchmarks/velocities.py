@@ -1,7 +1,7 @@
 """Velocities by both forms: smooth solutions and layers at outflow at every cell number, and what the iteration takes.
 
 Run ``python benchmarks/velocities.py``; it needs ``pip install . ./plugins/*``. It prints the tables of
-docs/tables/velocities.md and docs/tables/velocities-iterations.md. The cell number is |v| h / a. ``--large`` adds
+tables/velocities.md and tables/velocities-iterations.md. The cell number is |v| h / a. ``--large`` adds
 300,000 unknowns.
 """
 

@@ -9,6 +9,7 @@ sys.path.insert(0, str(HERE))
 from drawings import draw_all  # noqa: E402 - found through the line above
 from generated_pages import write_all  # noqa: E402
 from house import write_all as write_house  # noqa: E402
+from reader_tables import write_all as write_tables  # noqa: E402
 
 import cpmkit  # noqa: E402
 
@@ -21,7 +22,7 @@ extensions = [
     *("myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"),
     *("sphinx.ext.viewcode", "sphinx_copybutton"),
 ]
-exclude_patterns = ["_build", "generated/*.md", "tables/*.md"]  # pages include these
+exclude_patterns = ["_build", "generated/*.md", "generated/tables/*.md"]  # pages include these
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
 # The tutorials are executed at each build; a cell that fails, fails the build.
@@ -56,3 +57,4 @@ nitpick_ignore_regex = [("py:.*", r"(?!cpmkit).*")]
 draw_all(HERE / "generated")
 write_all(HERE / "generated")
 write_house(HERE / "generated")
+write_tables(HERE / "generated")

@@ -35,7 +35,7 @@ LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.38, 2.45, 3.3
 #: The largest ratio from the cheap first solve to the second, and the ratio without an estimate of the first.
 FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.48, 2.2
 #: The error below which cubic splines take less time than quadratic ones: the mean over a sphere and a torus, by the
-#: two finest solves of each degree in docs/tables/knobs.md, between which time is a power of the error.
+#: two finest solves of each degree in benchmarks/tables/knobs.md, between which time is a power of the error.
 CUBIC_ERROR = 5.8e-6
 
 #: ``reached``: the estimate is below the tolerance. ``floor``: the error due to the source of the manifold is above the

@@ -4,7 +4,7 @@ No exact solution is known on these meshes; linear finite elements on their own 
 problems: the screened Poisson equation with a smooth right-hand side, and the Laplace equation between two plane cuts
 on which finite elements pin the nearest vertices, so that beside them they are of first order.
 
-    python examples/studies/backends.py docs/tables/backends.md docs/images      (some minutes, needs the meshes)
+    python examples/studies/backends.py benchmarks/tables/backends.md docs/images      (some minutes, needs the meshes)
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ The closed form is the measure. Of the others the table says how far their close
 solutions at three spacings, how far the finest differs from that of the closed form, and what `explain` predicts of
 the error that the representation alone leaves.
 
-    python examples/studies/representations.py docs/tables/representations.md      (some minutes)
+    python examples/studies/representations.py benchmarks/tables/representations.md      (some minutes)
 """
 
 from __future__ import annotations

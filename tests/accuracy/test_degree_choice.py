@@ -9,7 +9,7 @@ from model_problems import sphere_points
 import cpmkit as ck
 from cpmkit.accuracy.spacing_search import CUBIC_ERROR
 
-TABLE = Path(__file__).parents[2] / "docs" / "tables" / "knobs.md"
+TABLE = Path(__file__).parents[2] / "benchmarks" / "tables" / "knobs.md"
 SPHERE = ck.source("analytic.sphere")
 AT = sphere_points()
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from measure_house import PRIVATE_WORDS, ROOT, python_files
 
 #: Folders and files of the documentation that are generated, or that list what the code offers.
-REFERENCE = ("docs/reference/", "docs/generated/", "docs/_build/", "docs/tables/")
+REFERENCE = ("docs/reference/", "docs/generated/", "docs/_build/")
 #: A fenced block: its indentation and fence, its language or directive, its text.
 FENCE = re.compile(r"^(?P<fence>`{3,}|:{3,})(?P<kind>[^\n]*)\n(?P<text>.*?)^(?P=fence)[ ]*$", re.MULTILINE | re.DOTALL)
 #: Languages of blocks that show output, formulas or listings and are not run.

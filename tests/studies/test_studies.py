@@ -12,7 +12,7 @@ import pytest
 import cpmkit as ck
 
 ROOT = Path(__file__).parents[2]
-TABLES = ROOT / "docs" / "tables"
+TABLES = ROOT / "benchmarks" / "tables"
 
 
 def module(path):

@@ -12,7 +12,6 @@ from cpmkit.studies.studyfile import load_study
 
 ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "examples" / "studies"
-DOCS = ROOT / "docs"
 #: Of solutions that are known; the others are compared with a reference.
 FILES = sorted(file for file in STUDIES.glob("*.toml") if not file.stem.startswith(("sheets", "forms-spot")))
 PANELS = [file.stem for file in FILES if file.stem.startswith("panel")]
@@ -134,6 +133,6 @@ def test_coarse_spacings_show_first_and_second_order(name, tmp_path):
 
 def in_documentation(name):
     """Return the table of a study in the documentation: errors by label and spacing."""
-    lines = (DOCS / "tables" / f"study-{name}.md").read_text(encoding="utf-8").splitlines()
+    lines = (ROOT / "benchmarks" / "tables" / f"study-{name}.md").read_text(encoding="utf-8").splitlines()
     (_, *spacings, _), _, *rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     return {row[0]: {h: float(cell) for h, cell in zip(spacings, row[1:-1], strict=True) if cell} for row in rows}

@@ -28,7 +28,7 @@ SHARES = {
 
 def table(name):
     """Return the rows of a table in the documentation, as cells by the head of their column."""
-    lines = (ROOT / "docs" / "tables" / name).read_text(encoding="utf-8").splitlines()
+    lines = (ROOT / "benchmarks" / "tables" / name).read_text(encoding="utf-8").splitlines()
     head, _, *rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     return [dict(zip(head, row, strict=True)) for row in rows]
 

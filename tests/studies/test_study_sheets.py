@@ -75,7 +75,7 @@ tolerance = 1e-9
 
 def table():
     """Return the rows of the table in the documentation, by title and spacing: cells by the head of their column."""
-    lines = (ROOT / "docs" / "tables" / "sheets.md").read_text(encoding="utf-8").splitlines()
+    lines = (ROOT / "benchmarks" / "tables" / "sheets.md").read_text(encoding="utf-8").splitlines()
     head, _, *rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     return {(row[0], float(row[1])): dict(zip(head[2:], row[2:], strict=True)) for row in rows}
 

@@ -11,7 +11,7 @@ from PIL import Image
 import cpmkit as ck
 
 ROOT = Path(__file__).parents[2]
-TASKS, TABLE = ROOT / "examples" / "tasks", ROOT / "docs" / "tables" / "eight-tasks.md"
+TASKS, TABLE = ROOT / "examples" / "tasks", ROOT / "benchmarks" / "tables" / "eight-tasks.md"
 #: How many lines more than the best of other tools a script may have.
 ALLOWANCE = 3
 TORUS = ck.source("analytic.torus")
