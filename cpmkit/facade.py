@@ -14,6 +14,7 @@ from cpmkit.families.coupled import BiharmonicRecord
 from cpmkit.families.quasilinear import QuasilinearRecord
 from cpmkit.plugins import load
 from cpmkit.runtime.messages import html_table
+from cpmkit.scenefile.look import document_look
 from cpmkit.solution.frames import EvolvedRecord
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord, user_class_of
@@ -60,24 +61,28 @@ class Solution(SolutionRecord):
         """Write the solution to ``path`` in the format of its suffix; see :func:`cpmkit.saving.export.save`.
 
         An existing file is replaced completely or not at all. ``vertices="own"`` writes a mesh file with the
-        vertices and cells that the surface was made from; the options are those of films and pages.
+        vertices and cells that the surface was made from; ``options`` are those of :meth:`picture` for
+        films and pages, and ``fps`` of films, the frames per second (12 by default).
         """
         from cpmkit.saving.export import save
 
         save(self, path, vertices, **options)
 
+    @document_look
     def picture(self, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
         """Draw the solution into the PNG ``path``; see :func:`cpmkit.view.picture`."""
         from cpmkit.view import picture
 
         return picture(self, path, **options)
 
+    @document_look
     def plot(self, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
-        """Draw the solution on matplotlib axes, with the options of :meth:`picture`, and return the axes."""
+        """Draw the solution on matplotlib axes, by default a new figure of 900 pixels, and return them."""
         from cpmkit.view.showing import plot
 
         return plot(self, axes, **options)
 
+    @document_look
     def show(self, **options: Unpack[LookKeywords]) -> Page:
         """Show the solution in a browser window or a notebook, where it can be turned and zoomed.
 
@@ -142,6 +147,7 @@ class EvolvedSolution(Solution, EvolvedRecord):
 
     frames: tuple[EvolvedSolution, ...] = field(default=(), kw_only=True)
 
+    @document_look
     def animate(self, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:
         """Write the frames as a film, ``.gif`` or ``.mp4``; see :func:`cpmkit.view.pictures.animate`."""
         from cpmkit.view.pictures import animate

@@ -181,8 +181,9 @@ def source(kind: str, **keys: Any) -> ClosestPointSource:
     kind : str
         A name that ``cpmkit plugins`` lists.
     **keys
-        The factory's keyword arguments, the same as a scene file's keys. A ``file`` is searched in the working
-        directory, in the folder ``CPMKIT_DATA`` and in the user's cache.
+        The keys of the kind, the same as in a scene file; ``print(*cpmkit.kinds(kind))`` shows them with types
+        and defaults.
+        A ``file`` is searched in the working directory, in the folder ``CPMKIT_DATA`` and in the user's cache.
 
     Raises
     ------

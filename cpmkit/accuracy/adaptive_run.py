@@ -178,7 +178,7 @@ class AdaptiveRun:
         if "spacing" not in str(refusal):
             raise refusal
         raise type(refusal)(  # the user gave no spacing
-            f"{self.target.target} was asked for, and the scene was refused at every spacing that was tried, from "
+            f"{self.target.target} cannot be reached: the scene was refused at every spacing that was tried, from "
             f"{spacing:.3g} to {trials[-1]:.3g}, the first time because: {refusal}"
         ) from refusal
 

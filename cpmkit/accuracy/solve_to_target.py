@@ -133,7 +133,7 @@ def solve_by(
     progress : callable, optional
         ``progress(stage, fraction)``.
     **target
-        At least one of a tolerance, seconds and a memory.
+        At least one of ``tolerance``, ``seconds`` and ``memory``, as for :func:`cpmkit.solve`, and ``norm``.
 
     Returns
     -------
@@ -233,7 +233,7 @@ def _check(scene: Scene, options: Mapping[str, Any]) -> None:
     if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
         raise InputError(
             "scheme 'leapfrog' ties its step to the spacing, which is not known where a tolerance, seconds or memory "
-            "is asked for; use scheme='newmark', or give a spacing."
+            "is given; use scheme='newmark', or give a spacing."
         )
 
 

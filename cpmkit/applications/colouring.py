@@ -243,7 +243,7 @@ def diffusion_curves(
     spacing : float
         Spacing of the lattice, in the scene's unit; or ``tolerance`` or ``seconds`` in its place.
     **options
-        Options of :func:`cpmkit.solve`.
+        Options of :func:`cpmkit.solve`, such as ``degree``; ``help(cpmkit.solve)`` shows them with their defaults.
 
     Returns
     -------

@@ -184,7 +184,7 @@ def geodesic_distance(
     rounds : int
         Number of rounds of transport.
     **options
-        Options of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
 
     Returns
     -------

@@ -94,7 +94,7 @@ class SurfaceMap(Result):
         texture : callable or array, optional
             Colours of the target (three values), as for :meth:`pull_back`; by default its coordinates.
         **options
-            Options of :func:`cpmkit.view.picture`.
+            Options of :meth:`cpmkit.Solution.picture`.
         """
         return self.drawable(texture).picture(path, **options)
 
@@ -153,7 +153,7 @@ def harmonic_map(
         ``explicit`` takes the paper's steps in the form ``collocation``, by default a tenth of the spacing squared; it
         is for comparison.
     **options
-        Options of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
 
     Returns
     -------

@@ -104,7 +104,7 @@ class LogarithmicMap:
         self.distance.save(path)
 
     def picture(self, path: Any, **options: Unpack[LookKeywords]) -> Any:
-        """Draw rings and rays of the coordinates as :meth:`cpmkit.Solution.picture` draws."""
+        """Draw rings and rays of the coordinates as :meth:`cpmkit.Solution.picture` draws, with the same options."""
         solution = self.distance.solution
         x, y = self.evaluate(solution.display_mesh().points).T
         length = np.hypot(x, y)
@@ -136,7 +136,7 @@ def transport_vector(
     spacing : float
         Spacing of the lattice, in the scene's unit; not for a prepared scene.
     **options
-        Options of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
 
     Returns
     -------
@@ -191,7 +191,7 @@ def logarithmic_map(
     method : {"transport", "heat"}
         Method of the distance, as for :func:`geodesic_distance`.
     **options
-        Options of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
 
     Returns
     -------

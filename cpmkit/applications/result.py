@@ -112,7 +112,7 @@ class Result:
         self.solution.save(path)
 
     def picture(self, path: Any, **options: Unpack[LookKeywords]) -> Any:
-        """Draw the result as :meth:`cpmkit.Solution.picture` does."""
+        """Draw the result as :meth:`cpmkit.Solution.picture` does, with the same options."""
         return self.drawable().picture(path, **options)
 
     def drawable(self) -> Solution:

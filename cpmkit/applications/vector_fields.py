@@ -179,7 +179,7 @@ class TangentField(Result):
         length : float, optional
             Length of an arrow; by default a share of the surface's size.
         **options
-            Options of :func:`cpmkit.view.picture`.
+            Options of :meth:`cpmkit.Solution.picture`.
         """
         return self.drawable(length).picture(path, **options)
 
@@ -207,7 +207,7 @@ def vector_field(
     transport : {"parallel", "paper"}
         How directions are extended; see this module.
     **options
-        Options of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
 
     Returns
     -------

@@ -90,7 +90,7 @@ def judge(
     residuals = _relative_to(b, b - operator.apply(u))
     residual = float(np.max(residuals, initial=0.0))
     converged = residual <= tolerance
-    reason = f"relative residual {residual:.2e} after {iterations} iterations, {tolerance:.2e} asked for"
+    reason = f"relative residual {residual:.2e} after {iterations} iterations, tolerance {tolerance:.2e}"
     if not converged and residual <= MAX_ROUNDING_SHARE:
         eps = ROUNDING_FACTOR * float(np.finfo(float).eps)
         limits = eps * _relative_to(b, rounding_of(operator, u) + np.abs(b))

@@ -62,7 +62,7 @@ def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator
         yield (
             f"{report.nonmanifold_share:.0%} of the edges of the triangulation by closest points have three triangles "
             f"or more, at {report.lattice_spacing:g} spacings: the surface is thin there, or its sheets meet; a "
-            "smaller spacing tells."
+            "smaller spacing shows which."
         )
     yield from _defect_warnings(report.defects, surface)
     if report.isolated_components:

@@ -16,7 +16,7 @@ from cpmkit.meshing.curved_from_normals import refine_smooth
 from cpmkit.meshing.mesh_cache import in_scene_coordinates, mesh_cache_of, repair_source_mesh
 
 #: A mesh with more triangles than this on a square of its edge length costs more samples than it is worth: equal
-#: sides make 2.3, parameters of a sphere 3, of a figure eight bent to a Klein bottle 5, marching tetrahedra 8 and more.
+#: sides make 2.3, parameters of a sphere 3, of a Klein bottle 5, marching tetrahedra 8 and more.
 MOST_TRIANGLES_PER_SQUARE = 7.0
 
 

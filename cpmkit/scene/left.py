@@ -99,7 +99,7 @@ class SampledBoundary:
         """Return the boundary with the left of each connected piece chosen, and a subset of {"left_of", "rule"}.
 
         Where the sources do not provide it, left is the side of the point ``left_of`` (d,), or else determined by a
-        rule; the subset tells which of these were used.
+        rule; the subset names those that were used.
         """
         sign = np.ones(len(self.samples))
         named: set[str] = set()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any, Literal, Self, TypedDict
+from typing import Any, Literal, Self, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +132,20 @@ class Look:
         object.__setattr__(self, name, value)
 
 
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def document_look(function: Function) -> Function:
+    """Put the options of a picture, with their defaults, in place of ``**options`` in signature and docstring."""
+    *parameters, _ = inspect.signature(function).parameters.values()
+    look = [option.replace(kind=option.KEYWORD_ONLY) for option in inspect.signature(Look).parameters.values()]
+    summaries = inspect.cleandoc(Look.__doc__ or "").partition("----------\n")[2].partition("\n\nRaises")[0]
+    doc = inspect.cleandoc(function.__doc__ or "")
+    function.__doc__ = f"{doc}\n\nOther Parameters\n----------------\n{summaries}\n"
+    vars(function).update(__signature__=inspect.Signature([*parameters, *look]))
+    return function
+
+
 def check_one_of(value: object, accepted: Sequence[str], label: str) -> None:
     """Raise SceneError if ``value`` is none of the ``accepted``; ``label`` is its name in the message."""
     if value not in accepted:
@@ -189,7 +204,7 @@ class PictureRequest(Look):
     frames: bool = False
 
     def __post_init__(self) -> None:
-        """Check the options; raise SceneError if the name leads out of the folder, or frames are asked of an error."""
+        """Check the options; raise SceneError if the name leads out of the folder, or frames of an error are wanted."""
         relative_name(self.file, "file of the picture")
         super().__post_init__()
         if self.frames and self.field != "solution":

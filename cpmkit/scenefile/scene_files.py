@@ -66,6 +66,8 @@ class SceneFile:
 def load_scene(path: str | Path) -> SceneFile:
     """Return the scene of a scene file, with the options and the output of the file.
 
+    ``cpmkit.solve(file.scene, file.spacing, **file.options)`` solves it; ``cpmkit schema scene`` prints all keys.
+
     Raises
     ------
     SceneError

@@ -150,8 +150,8 @@ def evaluate_on_sides(solution: SolutionRecord, points: Floats, sides: Ints) -> 
 def moved_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
     """Return ``points`` (n, d) projected onto the boundaries for which ``sides`` (n, boundaries) is not zero.
 
-    A solution has two sides only on the curve, and a cut, which is straight across a cell, is off a bent curve by a
-    distance of second order. Where curves cross, alternating projections lead to the crossing.
+    A solution has two sides only on the curve, and a cut, which is straight across a cell, is off a curve by a distance
+    of second order. Where curves cross, alternating projections lead to the crossing.
     """
     moved = np.array(points)
     for combination, rows in _by_sides(sides):

@@ -264,4 +264,4 @@ def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     parts += [f"{name} {value}" for name, value in options if name in differ]
     parts = parts or [f"{name} {value}" for name, value in options if name == "order"]
     label = ", ".join(parts) or name
-    return f"{label}, {target} asked" if target else label
+    return f"{label}, target {target}" if target else label

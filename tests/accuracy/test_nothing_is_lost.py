@@ -51,7 +51,7 @@ def test_where_nothing_is_found_the_first_reason_is_the_error_and_speaks_of_what
         raise ck.ResolutionError(f"spacing={spacing:.3g} is no good; use less.")
 
     with pytest.raises(
-        ck.ResolutionError, match=r"^tolerance=0.001 was asked for, and .* tried, from (\S+) to .*=\1 is"
+        ck.ResolutionError, match=r"^tolerance=0.001 cannot be reached: .* tried, from (\S+) to .*=\1 is"
     ):
         ck.solve_by(recipe, SCENE, tolerance=1e-3)
 

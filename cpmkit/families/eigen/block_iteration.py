@@ -60,8 +60,8 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
         further = _block_of(iteration, _orthonormal(iteration, correction, [block, past]))
         theta, block, past = _rayleigh_ritz([block, past, further], len(theta), active)
     change, tolerance = float(changes[unconverged].max()), iteration.context.tolerance
-    reason = f"functions still change by {change:.2e} of their size after {MOST_ROUNDS} rounds, {tolerance:.2e} asked"
-    raise iteration.failure(reason, "ask for a larger solver_tolerance, or use solver='direct'", change)
+    reason = f"functions change by {change:.2e} of their size after {MOST_ROUNDS} rounds, tolerance {tolerance:.2e}"
+    raise iteration.failure(reason, "give a larger solver_tolerance, or use solver='direct'", change)
 
 
 def _check_fits(iteration: InverseIteration, count: int, width: int) -> None:

@@ -168,7 +168,7 @@ def _checked_report(iteration: InverseIteration, modes: Modes) -> SolveReport:
     context, residual = iteration.context, float(modes.residuals.max())
     reason = (
         f"one more step of inverse iteration changes the eigenfunctions by {residual:.2e} of their size after "
-        f"{iteration.solves} steps, {context.tolerance:.2e} asked for"
+        f"{iteration.solves} steps, tolerance {context.tolerance:.2e}"
     )
     converged = residual <= context.tolerance
     if not converged and residual <= MAX_ROUNDING_SHARE and iteration.preconditioner is None:

@@ -233,5 +233,5 @@ def _missed_rest(plan: RunPlan, history: History) -> list[str]:
         return []
     return [
         f"The run did not come to rest until {evolution.until:g}: u still changes by {rate:.2g} of its size per unit "
-        f"of time, and rest={evolution.rest:g} was asked for; use a later `until`."
+        f"of time, more than rest={evolution.rest:g}; use a later `until`."
     ]

@@ -150,7 +150,7 @@ def _solution_at_end(
     u, total, end = state.history[-1].u, state.done, state.history[-1].time
     reason = (
         f"relative residual {tally.residual:.2e} at most in {total} steps with {tally.iterations} iterations, "
-        f"{context.tolerance:.2e} asked for"
+        f"tolerance {context.tolerance:.2e}"
     )
     report = context.report(True, tally.iterations, tally.operator_applications, tally.residual, reason)
     report = replace(report, solver=tally.solver or report.solver)  # the solver of the last step

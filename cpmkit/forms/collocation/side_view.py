@@ -72,7 +72,7 @@ def points_near(source: LocalSource, points: Floats, radius: float, spacing: flo
 
 @dataclass(frozen=True, eq=False)
 class BoundaryOnLattice:
-    """An oriented boundary, snapped to the manifold, which tells the sides of points."""
+    """An oriented boundary, snapped to the manifold, which decides on which side points are."""
 
     oriented: OrientedBoundary  #: The boundary with the definition of its left, relative to the lattice's origin.
     #: Largest distance of the boundary's samples from the manifold: the boundary is moved by up to this distance.

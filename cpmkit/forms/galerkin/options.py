@@ -74,7 +74,7 @@ class GalerkinOptions(DeclaredOptions):
     samples: str = option(
         "auto",
         "Whether the Galerkin form clips triangles of a surface where they leave the lattice's cells before it samples "
-        "them: ``plain`` does not, ``clipped`` does, ``auto`` where the triangles are bent to follow the surface, or "
+        "them: ``plain`` does not, ``clipped`` does, ``auto`` where the triangles are curved to follow the surface, or "
         "longer than half a spacing: half the error at h = 0.1 of a unit sphere, a sixth at 0.05, for half as many "
         "samples more.",
         one_of(*SAMPLINGS),
@@ -89,7 +89,7 @@ class GalerkinOptions(DeclaredOptions):
     refine: str = option(
         "off",
         "Whether the Galerkin form takes finer splines where the solution of a steady problem on a surface asks for "
-        "them: ``auto`` solves, and parts lattice cells where the residual is large, as at the ends of boundaries, at "
+        "them: ``auto`` solves, and halves lattice cells where the residual is large, as at the ends of boundaries, at "
         "spikes and in layers, if that is expected to save unknowns; ``off`` does not.",
         one_of("off", "auto"),
     )

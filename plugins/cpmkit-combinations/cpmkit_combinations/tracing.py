@@ -120,7 +120,7 @@ def _lost_message(cut: LevelCut, point: Floats, branches: bool) -> str:
             f"vanishes; change {label} a little, or cut away this place with the kind trimmed."
         )
     return (
-        f"the cut cannot be followed near {place}: it is too small or too sharply bent there, or other parts are too "
+        f"the cut cannot be followed near {place}: it is too small or too sharply curved there, or other parts are too "
         f"near, for samples {cut.spacing:.3g} apart; raise resolution."
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.plugin import Floats, Ints
 
-#: Centroids that are asked for at first; four times as many for the queries that these do not settle.
+#: Centroids that are compared at first; four times as many for the queries that these do not decide.
 FIRST_CENTROIDS = 8
 #: Pairs of a query and a triangle that are looked at together.
 MOST_LOCATION_PAIRS = 1 << 18

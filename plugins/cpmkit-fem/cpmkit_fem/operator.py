@@ -57,7 +57,7 @@ def pinned_operator(
 
 
 def without(matrix: csr_array, pins: Ints, columns: bool) -> csr_array:
-    """Return the matrix (v, v) with zero rows at ``pins`` (p,), and zero columns if asked for."""
+    """Return the matrix (v, v) with zero rows at ``pins`` (p,), and zero columns if requested."""
     free = np.ones(matrix.shape[0])
     free[pins] = 0.0
     kept = diagonal_matrix(free)

@@ -10,7 +10,7 @@ from cpmkit_fem.junctions import check_junctions
 
 #: Vertices nearer than this share of the size are one: seams of parametrisations are closed.
 WELDED_SIZE_SHARE = 1e-12
-#: Edges along the largest extent with which a source is asked whether it has one mesh alone: some have a coarsest one.
+#: Edges along the largest extent at which it is found whether a source has one mesh alone: some have a coarsest one.
 FEWEST_EDGES = (4, 8, 32)
 
 

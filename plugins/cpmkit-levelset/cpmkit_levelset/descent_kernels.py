@@ -1,6 +1,6 @@
 """The compiled steps of a descent: where they lead, which of them are kept, and when it has converged.
 
-Each row is worked out for itself, so that a point's answer never depends on the batch it is asked in.
+Each row is worked out for itself, so that a point's answer never depends on its batch.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 
 from cpmkit.plugin import compiled, inlined
 
-#: Where the squared distance bends less than this, near a centre of curvature, the step is made as if it bent so.
+#: Where the squared distance bends less than this, near a centre of curvature, the step is made as for this value.
 LEAST_BENDING_OF_DISTANCE = 1e-3
 #: Where it bends down, as on a ridge between two basins, the step is at least this share of the longest one: the force
 #: is small there, and steps that only double would take thirty to leave.

@@ -65,7 +65,7 @@ class GridField:
     def slope_error(self, p: Floats) -> float:
         """Return by how much slopes at ``p`` (n, d) are off, as a share of them, root mean square.
 
-        It is told by how they differ between the polynomial of a cell and those of its neighbours.
+        It is estimated from how they differ between the polynomial of a cell and those of its neighbours.
         """
         slope = self.gradient(p)[1]
         apart = [

@@ -1,7 +1,7 @@
 """The compiled geometry of a zero set, of all but the fields' own values, which any function may give.
 
 Fields come first: values (f, n), gradients (f, n, d), Hessians (f, n, d, d), for the one or two fields of a zero set.
-Each row is worked out for itself, so that a point's answer never depends on the batch it is asked in.
+Each row is worked out for itself, so that a point's answer never depends on its batch.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ def conformance_cases() -> list[ConformanceCase]:
     return [
         _case("curve", "circle", {"x": ["cos(t)", "sin(t)"], "range": ANGLES, "periodic": True}, _circle, ANGLES),
         _case("curve", "figure eight", FIGURE_EIGHT, lambda t: [np.sin(t), 0.5 * np.sin(2 * t)], ANGLES),
-        _case("curve", "sharply bent", SHARP_CURVE, lambda t: [t, np.hypot(t, 0.02)], (-1.0, 1.0)),
+        _case("curve", "sharply curved", SHARP_CURVE, lambda t: [t, np.hypot(t, 0.02)], (-1.0, 1.0)),
         _case("curve", "callable", {"x": _twisted_cubic, "range": [-1, 1]}, lambda t: [t, t**2, t**3], (-1.0, 1.0)),
         _case("torus_knot", "of the paper", {}, _knot, ANGLES),
         _case("helix", "two turns", {}, _helix, (0.0, 4 * np.pi)),

@@ -152,7 +152,7 @@ def klein(*, radius: Any = 2.0, width: Any = 1.0, translation: Any = None) -> Su
     Parameters
     ----------
     radius : number
-        Of the circle that the figure of eight is carried around.
+        Of the circle along which the figure of eight moves.
     width : number
         Size of the figure of eight.
     """

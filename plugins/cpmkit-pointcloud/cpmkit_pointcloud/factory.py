@@ -49,7 +49,7 @@ def points(
         1 to 4, on curves 5, 7, 9, 11. More of them average noise better.
     normals : file or (n, d) array, optional
         One normal a point, all on the same side of the surface: with them samples of another sheet
-        close by are told apart, and the surface has a side.
+        close by are distinguished, and the surface has a side.
     closed : bool
         False: the surface ends where the samples end, and its rim is edge 0.
 

@@ -42,7 +42,7 @@ class Patches:
     thickness : (n,) float64
         How far the neighbours stray from their plane, relative to how far they spread in it (standard deviations).
     degrees : (n,) int64
-        The degree that the neighbours determine: lower than asked where they are too few or lie badly.
+        The degree that the neighbours determine: lower than requested where they are too few or lie badly.
     """
 
     degree: int

@@ -78,7 +78,7 @@ def _read_rows(file: Path) -> np.ndarray:
     kind = file.suffix[1:].upper()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of a file without rows: the shape tells
+            warnings.simplefilter("ignore", UserWarning)  # of a file without rows: the shape shows it
             rows = np.loadtxt(lines, delimiter="," if kind == "CSV" else None, ndmin=2)
     except ValueError as error:
         row = re.search(r"row (\d+)", str(error))

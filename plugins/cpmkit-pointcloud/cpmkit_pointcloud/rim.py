@@ -12,7 +12,7 @@ from cpmkit_pointcloud.blend import Blend, project
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-#: Samples that are asked whether the surface ends there.
+#: Samples at which an end of the surface is looked for.
 RIM_CANDIDATES = 10_000
 #: So many of them at a time: their neighbours' directions take more memory than a coarse solve.
 PARCEL_CANDIDATES = 2_000
@@ -20,7 +20,7 @@ PARCEL_CANDIDATES = 2_000
 DIRECTION_NEIGHBOURS = {2: 3, 3: 16}
 #: Radians without a neighbour in the tangent plane at a sample on the rim. Among samples inside, 7 in 10,000 have them.
 OPEN_ANGLE_RADIANS = 2.6
-#: How far beyond such a sample the surface is asked for, in radii of its patch.
+#: How far beyond such a sample the surface is looked for, in radii of its patch.
 OUT_RADII = 2.0
 #: An open cloud has at least so many samples on its rim, and this share of all.
 LEAST_RIM_SAMPLES, LEAST_RIM_SHARE = {2: 1, 3: 4}, 3e-4

@@ -36,7 +36,7 @@ def subpaths(text: str, label: str) -> list[Subpath]:
     Raises
     ------
     InputError
-        If the data are damaged: ``label`` names them, and the place is told.
+        If the data are damaged: the message names ``label`` and the place.
     """
     pen, scanner, command = _Pen(), Scanner(text, label), ""
     while not scanner.at_end:

@@ -48,7 +48,7 @@ ENDS = {
     "helix": 2,
     "open": 2,
     "one that ends": 2,
-    "sharply bent": 2,
+    "sharply curved": 2,
     "(callable)": 2,
 }
 
