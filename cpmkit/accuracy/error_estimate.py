@@ -191,10 +191,10 @@ def estimate_from(
     """Return the error of a solution estimated from coarser solutions.
 
     Each coarser solution, at r times the spacing, gives ``|u_h - u_rh| / (r^p - 1)``; the estimate is the geometric
-    mean of these. The order p is that of the form for differences at that ratio (docs/explanation/galerkin.md,
-    section 10). With ``alone`` the result is a weighted geometric mean of this estimate and the estimate from the
-    solution alone: the two are independent, and together are less often too small than either (measured:
-    docs/explanation/galerkin.md). The coarsest solution is the last. The error of the steps in time, ``in_time``, a
+    mean of these. The order p is that of the form for differences at that ratio (docs/explanation/accuracy.md). With
+    ``alone`` the result is a weighted geometric mean of this estimate and the estimate from the solution alone: the two
+    are independent, and together are less often too small than either (measured: docs/explanation/accuracy.md). The
+    coarsest solution is the last. The error of the steps in time, ``in_time``, a
     share of the range, is added. The ``order`` is p if it is not that of the form.
     """
     differences = [difference(solution, coarse) for coarse in coarse_solutions]

@@ -1,4 +1,4 @@
-"""Estimates of errors from two solutions (GALERKIN 10) and from a single solution, and the dispersion of splines."""
+"""Estimates of errors from two solutions and from a single solution, and the dispersion of splines."""
 
 from __future__ import annotations
 
