@@ -108,3 +108,17 @@ def test_a_segment_through_corners_of_cells():
 def test_a_curve_inside_one_cell_is_refused():
     with pytest.raises(ResolutionError, match="lies in one cell"):
         followed(ck.source("analytic.circle", center=[0, 0], radius=0.01), 0.1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("spacing", [0.2, 0.1, 0.05])
+def test_a_junction_of_arcs_is_met(spacing, seed):
+    keys = {"start": 0.0, "end": pi / 2, "x_axis": [0, 0, 1]}
+    normals = [[-np.sin(turn), np.cos(turn), 0.0] for turn in (0.3, 2.4, 4.0)]
+    source = ck.source("union", members=[ck.source("analytic.arc", normal=normal, **keys) for normal in normals])
+    shift = np.random.default_rng(seed).uniform(0, spacing, 3)
+    mesh, _ = followed(source, spacing, shift)
+    assert degrees(mesh)[0::2] == [3, 1]
+    junction = mesh.vertices[np.argmax(np.bincount(mesh.cells.ravel(), minlength=len(mesh.vertices)))]
+    pole = [0, 0, 1] - np.mean(source.bounds, axis=0) - shift
+    assert np.linalg.norm(junction - pole) < 1e-6 * spacing
