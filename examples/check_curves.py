@@ -209,7 +209,7 @@ def report(solution: ck.Solution) -> CurveCheck:
 
 
 def main(scene_file: str | Path, spacing: float | None = None) -> CurveCheck:
-    """Solve the scene, at its own spacing unless told otherwise, and report."""
+    """Solve the scene, by default at its own spacing, and report."""
     wanted = ck.load_scene(scene_file)
     return report(ck.solve(wanted.scene, spacing or wanted.spacing, **{**wanted.options, "solver_tolerance": 1e-8}))
 

@@ -1,7 +1,7 @@
-"""Paint Spot by curves through picked points: geodesic paths, colours by name and along the curves.
+"""Paint Spot from geodesics through picked points, with named colours that change along the curves.
 
-`python examples/diffusion_curves.py` writes `diffusion-curves.png`, or the file that it is given. It finds the mesh as
-scenes do, needs cpmkit-mesh and the extra `geodesics`.
+`python examples/diffusion_curves.py` writes `diffusion-curves.png`, or the file that you name. It finds the mesh as
+scenes do, and needs cpmkit-mesh and the extra `geodesics`.
 """
 
 import sys

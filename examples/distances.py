@@ -17,7 +17,7 @@ from cpmkit.applications import Distance, geodesic_distance
 
 @dataclass(frozen=True)
 class Design:
-    """A surface, where distances begin, where paths do, and where to look from."""
+    """A surface, the origins of distances, the starts of paths, and the camera."""
 
     surface: ck.ClosestPointSource
     origins: list

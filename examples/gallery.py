@@ -1,12 +1,12 @@
-"""Every picture of the gallery and of the pages beside it, drawn anew, two at a time.
+"""Draw every picture of the gallery and of other pages, two at a time.
 
     python examples/gallery.py pictures                           (some five minutes on two cores; needs the meshes)
     python examples/gallery.py pictures --only spot.png --only turing.png
     python examples/gallery.py --list
 
 Pictures go into the folder, with `gallery.json` beside them: what was drawn by which command in how many seconds. A
-picture that is there, drawn by the same command of the same scene, is not drawn again unless --again says so; a run
-that was interrupted goes on. One that fails stops no other; the exit code is then 1.
+picture that exists, drawn by the same command of the same scene, is drawn again only with --again; an interrupted run
+continues. If a picture fails, the others are still drawn, and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 EXAMPLES = Path(__file__).resolve().parent
-#: Pictures of more bytes are told: pages should load soon.
+#: Larger pictures are reported, since pages should load fast; in bytes.
 MOST_BYTES = 300_000
 RECORDS = "gallery.json"
 
@@ -74,7 +74,7 @@ def scene(picture: str, seconds: float, file: str, width: int | None, *more: str
 
 
 def script(seconds: float, file: str, *arguments: str, pictures: Sequence[str]) -> Job:
-    """Return the job of a program, which is told the pictures' names last."""
+    """Return the job of a program, whose last arguments are the names of the pictures."""
     places = ("PICTURE", "PICTURE2")[: len(pictures)]
     return Job(tuple(pictures), seconds, (file, *arguments, *places))
 
@@ -85,7 +85,7 @@ JOBS = (
     scene("spot.png", 6, "03-spot.toml", 1050),
     scene("mixed-codimension.png", 15, "04-mixed-codimension.toml", 900),
     scene("square.png", 36, "05-square.toml", None),
-    scene("carried-around.png", 13, "06-heat-carried-around.toml", None, written="picture-0003.png"),
+    scene("carried-around.png", 13, "06-heat-in-a-flow.toml", None, written="picture-0003.png"),
     scene("two-materials.png", 4, "07-two-materials.toml", None),
     scene("nefertitis-ear.png", 6, "08-nefertitis-ear.toml", 700),
     scene("fish-fins.png", 6, "09-fish-fins.toml", 600),

@@ -1,7 +1,7 @@
-"""A texture carried from a twisted Spot to Spot, by a map that was spoilt with noise and relaxes to a harmonic one.
+"""Map a texture from a twisted Spot to Spot, with a noisy map and with the harmonic map to which it relaxes.
 
-The two meshes share their triangles: the vertices of one are the map's values at those of the other. Needs spot.obj,
-see docs/how-to/read-a-mesh.md.
+The two meshes share their triangles: the vertices of one mesh are the values of the map at the vertices of the other.
+Needs spot.obj, see docs/how-to/read-a-mesh.md.
 
     python examples/harmonic_map.py harmonic-before.png harmonic-after.png
 """

@@ -2,7 +2,7 @@
 
 `python examples/make_curves.py` writes them into `examples/curves/`. It finds the meshes as scenes do (beside the
 scenes, in the folder that CPMKIT_DATA names, in the cache), and needs cpmkit-mesh and the extra `geodesics`. The curves
-are kept with the scenes, so that nobody has to run this first.
+are stored with the scenes, so this program is needed only to change them.
 
 Geodesics are traced by edge flips (Sharp and Crane, "You can find geodesic paths in triangle meshes by just flipping
 edges", ACM Trans. Graph. 39 (6), 2020). Every point lies on an edge or a vertex of the mesh; nothing is simplified.

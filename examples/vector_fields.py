@@ -1,12 +1,12 @@
-"""Fields of directions that go on by parallel transport, on a mesh, a level set, a point cloud and a Moebius strip.
+"""Direction fields extended by parallel transport, on a mesh, a level set, a point cloud and a Moebius strip.
 
     python examples/vector_fields.py spot vectors-spot.png                  (needs spot.obj: docs/how-to/read-a-mesh.md)
     python examples/vector_fields.py double-torus vectors-double-torus.png
     python examples/vector_fields.py cloud vectors-cloud.png                (needs spot.obj)
     python examples/vector_fields.py moebius vectors-moebius.png
 
-Directions are given along the curves that the pictures show; the command prints where the field has
-none, and by what index it turns round there.
+Directions are prescribed along the curves in the pictures. The command prints the singularities of the field and their
+indices.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Design:
 
 
 def at(surface: ck.ClosestPointSource, point: list[float], direction: list[float], radius: float) -> tuple[Any, Any]:
-    """Return one direction about a point: held along a small circle, which any equation feels."""
+    """Return one direction at a point, prescribed along a small circle around it."""
     return circle_around(surface, point, radius), np.array(direction)
 
 
@@ -81,7 +81,7 @@ def double_torus() -> Design:
 
 
 def cloud() -> Design:
-    """Spot, known by points alone: the vertices of the mesh without its triangles."""
+    """Spot as a point cloud: the vertices of the mesh without its triangles."""
     cow = ck.source("pointcloud.points", points=ck.read_mesh("spot.obj")[0])
     directions = [
         at(cow, [0.0, 0.3, -0.75], [0.0, 1.0, 0.0], 0.1),

@@ -2,8 +2,8 @@
 
 python train.py     # one to three minutes; needs cpmkit-mesh, and spot.obj in CPMKIT_DATA or in the cache
 
-The random numbers are seeded, but sums are rounded differently from one machine to the next, so that
-another machine's network is as good as this one and not the same.
+The random numbers are seeded, but sums are rounded differently from one machine to the next, so
+the network differs a little between machines; all are equally good.
 """
 
 import sys

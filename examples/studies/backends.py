@@ -1,6 +1,6 @@
 """Both forms of the method against finite elements on real meshes: how far, and where, they differ.
 
-No exact solution is known on these meshes; linear finite elements on their own triangles are the measure. Two
+No exact solution is known on these meshes; linear finite elements on their own triangles are the reference. Two
 problems: the screened Poisson equation with a smooth right-hand side, and the Laplace equation between two plane cuts
 on which finite elements pin the nearest vertices, so that beside them they are of first order.
 

@@ -1,8 +1,8 @@
-"""One manifold through every representation: a sphere and a torus, each in five ways, the same two problems.
+"""A sphere and a torus, each in five representations, with the same two problems.
 
-The closed form is the measure. Of the others the table says how far their closest points are off, the error of their
-solutions at three spacings, how far the finest differs from that of the closed form, and what `explain` predicts of
-the error that the representation alone leaves.
+The closed form is the reference. For the others the table shows the error of their closest points, the error of their
+solutions at three spacings, the difference of the finest solution from that of the closed form, and the error of the
+representation that `explain` predicts.
 
     python examples/studies/representations.py benchmarks/tables/representations.md      (some minutes)
 """

@@ -1,4 +1,4 @@
-"""Diffusion curves on an OBJ file of one's own, along a line that was drawn on it."""
+"""Diffusion curves on your own OBJ file, along a line that you drew on it."""
 
 import cpmkit as ck
 from cpmkit.applications import diffusion_curves

@@ -1,1 +1,1 @@
-"""Surfaces that a small neural network holds: the points at which it is zero."""
+"""Surfaces that are the zero set of a small neural network."""

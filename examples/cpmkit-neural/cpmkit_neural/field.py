@@ -73,7 +73,7 @@ def _sine(jet: Floats) -> Floats:
 
 
 def read_network(file: str | Path) -> tuple[SineNetwork, Any]:
-    """Return the network in a NumPy archive, and its array ``bounds``, None where it holds none.
+    """Return the network in a NumPy archive, and its array ``bounds``, or None if it has none.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def read_network(file: str | Path) -> tuple[SineNetwork, Any]:
 
 
 def _fit(weights: list[tuple[int, ...]], biases: list[tuple[int, ...]]) -> bool:
-    """Tell whether layers of these shapes can follow each other, from three numbers to one."""
+    """Return whether layers of these shapes can follow each other, from three numbers to one."""
     return (
         bool(weights)
         and all(len(shape) == 2 for shape in weights)

@@ -1,4 +1,4 @@
-"""Feet of the cow are the nearest ones, its mesh is closed, and bounds that do not hold it are refused."""
+"""Feet of the cow are the nearest ones, its mesh is closed, and bounds that do not contain it are refused."""
 
 import numpy as np
 import pytest
