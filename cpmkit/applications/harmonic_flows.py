@@ -88,7 +88,14 @@ def implicit_flow(
         if later.projection_ratio < 1.01:
             length = min(2 * length, step)
     assert state.solution is not None
+    _warn_if_moving(rests, most_steps)
     return state.solution, energy, rests
+
+
+def _warn_if_moving(rests: bool, most_steps: int) -> None:
+    """Warn after the last step if the map is not at rest."""
+    if not rests:
+        warn_each([f"The map did not come to rest within {most_steps} steps; allow more, or longer ones."])
 
 
 def _step(prepared: Prepared, target: ClosestPointSource, state: _State, step: float) -> _State:
@@ -141,6 +148,7 @@ def explicit_flow(
         if energy[-2] - energy[-1] < rest * 50 * energy[-2]:
             rests = True
             break
+    _warn_if_moving(rests, most_steps)
     return replace(solution, values=u), energy, rests
 
 

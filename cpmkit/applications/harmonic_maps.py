@@ -23,7 +23,6 @@ from cpmkit.plugin import ClosestPointSource
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points, positive, whole
 from cpmkit.runtime.deprecation import DeprecatedMember
-from cpmkit.runtime.messages import warn_each
 from cpmkit.types import Floats
 
 if TYPE_CHECKING:
@@ -190,8 +189,6 @@ def harmonic_map(
         covering = _initially_covered_area(prepared, target, initial)
         result = implicit_flow(prepared, target, start, first, most_steps, rest, covering)
     solution, energy, at_rest = result
-    if not at_rest and len(energy) > most_steps:
-        warn_each([f"The map did not come to rest within {most_steps} steps; allow more, or longer ones."])
     return SurfaceMap(solution, target, np.array(energy), at_rest)
 
 

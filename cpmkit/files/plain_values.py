@@ -149,15 +149,15 @@ def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], 
 
     ``label``, such as "scene file", and ``like`` describe the expected file in the error if there is none. Raises
     SceneError if the file is missing, too large or does not parse, nests tables too deeply, or holds a control
-    character or a whole number beyond 64 bits. SceneErrors of ``make`` are raised with the file's name.
+    character or a whole number beyond 64 bits. InputErrors of ``make`` are raised with the file's name.
     """
     path = Path(path)
     tables = _tables(path, label, like)
     try:
         _check_values(tables)
         return make(tables, path)
-    except SceneError as error:
-        raise SceneError(f"{path.name}: {error}") from error
+    except InputError as error:  # a SceneError is one
+        raise type(error)(f"{path.name}: {error}") from error
 
 
 def _tables(path: Path, label: str, like: str) -> dict[str, Any]:

@@ -171,7 +171,10 @@ class PointSource(Functional):
 
     def __post_init__(self) -> None:
         """Convert ``at`` to points (k, d) and ``strength`` to an array (k, channels), and check them."""
-        at = np.asarray(self.at, dtype=np.float64)
+        try:
+            at = np.asarray(self.at, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the places of a point source must be points (k, d), got {shown(self.at)}.") from error
         points = as_points(at[None] if at.ndim == 1 else at, at.shape[-1] if at.ndim else 0)
         try:
             strength = np.array(self.strength, dtype=np.float64)

@@ -134,6 +134,12 @@ def test_sides_of_a_point_on_a_surface():
     one_sentence(error, "'pin'", "no left and right", "give `both`")
 
 
+def test_places_of_a_point_source_that_are_none():
+    with pytest.raises(ck.InputError) as error:
+        ck.PointSource("abc")
+    one_sentence(error, "must be points", "'abc'")
+
+
 @pytest.mark.parametrize(
     ("form", "farthest"), [("collocation", "tube's radius 0.346"), ("galerkin", "3 spacings, 0.3")]
 )

@@ -220,3 +220,9 @@ def test_a_wrong_scene_gets_one_sentence_and_nothing_is_written(name, tmp_path, 
 def test_a_missing_scene(tmp_path):
     with pytest.raises(ck.SceneError, match="no scene file"):
         ck.load_scene(tmp_path / "none.toml")
+
+
+def test_every_error_of_a_scene_file_names_it(tmp_path):
+    text = GOOD.replace("right = { neumann = 0 }", "right = { neumann = 0, order = 7 }")
+    with pytest.raises(ck.InputError, match=r"^scene.toml: order of .* must be"):
+        ck.load_scene(written(tmp_path, text))

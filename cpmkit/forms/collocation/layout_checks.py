@@ -97,8 +97,8 @@ def _check_fluxes_at_points(layout: Layout) -> None:
             continue
         raise SceneError(
             f"boundary {boundary.name!r}: a {' or '.join(sorted(kinds))} condition at a point of a surface, or a point "
-            "or curve of a solid, has no effect: what flows through so little vanishes with the spacing; if a point "
-            "source is meant, let f be a narrow bump with its strength as the integral, or use a small circle or tube."
+            "or curve of a solid, has no effect, since its flux has no area to pass; for a point source use the "
+            "Galerkin form and f = PointSource(at, strength), else use a small circle or tube."
         )
 
 
@@ -162,17 +162,17 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
     if isinstance(scene.edge, Mapping):
         loops = {whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge}
         missing = sorted(loops - set(resolved))
-        given = f"`edge` gives a condition for loop {missing[0]}" if missing else ""
+        given = f"`edge` gives a condition for loop {missing[0]}, and the manifold has no such loop" if missing else ""
     else:
         no_flux = all(condition.law.is_zero_flux for condition in scene.edge_conditions)
-        missing, given = ([] if resolved or no_flux else [0]), "`edge` gives a condition"
+        missing, given = ([] if resolved or no_flux else [0]), "`edge` is given, and the manifold has no edge"
     if not missing:
         return
     spacing = layout.lattice.spacing
     loops_named = f"its loops are {', '.join(map(str, resolved))}" if resolved else "it is closed"
     raise SceneError(
-        f"{given}, which the manifold has not at spacing={spacing:g}: {loops_named} as far as nodes lie past its edge; "
-        "leave it out, correct the number, or use a smaller spacing if the edge is shorter than a few of these."
+        f"{given} at spacing={spacing:g}: {loops_named} as far as nodes lie past its edge; leave it out, correct the "
+        "number, or use a smaller spacing if the edge is only a few spacings long."
     )
 
 

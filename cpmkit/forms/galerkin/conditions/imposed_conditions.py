@@ -121,9 +121,9 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
         kinds = {condition.kind for condition in (first, second) if not isinstance(condition.law, Value)}
         if kinds and np.any(samples.half[on_boundary] < 0):
             raise SceneError(
-                f"{label}: a {' or '.join(sorted(kinds))} condition at a point of a surface has no effect: what flows "
-                "through so little vanishes with the spacing; if a point source is meant, let f be a narrow bump with "
-                "its strength as the integral, or use a small circle."
+                f"{label}: a {' or '.join(sorted(kinds))} condition at a point of a surface has no effect, since a "
+                "point has no length for a flux; for a point source give f = PointSource(at, strength), else use a "
+                "small circle."
             )
         if first.couples:
             pairs = _paired_samples(label, samples, left, on_boundary, lattice)
@@ -178,11 +178,11 @@ def _on_rims(
         if missing:
             named = f"its loops are {', '.join(map(str, loops))}" if loops else "it is closed"
             raise SceneError(
-                f"`edge` gives a condition for loop {missing[0]}, which the manifold has not: {named}; leave it out, "
-                "or correct the number."
+                f"`edge` gives a condition for loop {missing[0]}, and the manifold has no such loop: {named}; leave it "
+                "out, or correct the number."
             )
     elif not len(rows):
-        raise SceneError("`edge` gives a condition, which the manifold has not: it is closed; leave it out.")
+        raise SceneError("the manifold is closed and has no edge, so `edge` cannot be given; leave it out.")
     conditions = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
     check_parts_used(scene.edge, [condition for condition, _ in conditions])
     for condition, chosen in conditions:

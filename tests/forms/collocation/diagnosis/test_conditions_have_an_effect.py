@@ -26,7 +26,7 @@ def nothing(x):
 def test_a_condition_on_the_edge_of_a_closed_curve_is_refused(edge, form):
     scene = ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), edge=edge)
     for ask in (ck.solve, partial(ck.explain, dry_run=True)):
-        with pytest.raises(ck.SceneError, match=r"which the manifold has not.*: it is closed.*; leave it out"):
+        with pytest.raises(ck.SceneError, match=r"the manifold has no edge.*: it is closed.*; leave it out"):
             ask(scene, 0.1, form=form)
 
 
@@ -41,7 +41,7 @@ def test_a_wall_on_the_edge_of_a_closed_curve_is_fine(edge, form):
 @FORMS
 def test_a_loop_that_is_not_there_is_refused_by_its_number(form):
     edge = {0: ck.Dirichlet(5.0), 1: ck.Neumann(), 7: ck.Neumann()}
-    with pytest.raises(ck.SceneError, match=r"loop 7, which the manifold has not.*: its loops are 0, 1"):
+    with pytest.raises(ck.SceneError, match=r"loop 7, and the manifold has no such loop.*: its loops are 0, 1"):
         ck.solve(ck.Scene(ARC, ck.Laplace(), edge=edge), 0.1, form=form)
     for key in ("7", -1, 1.5):
         with pytest.raises(ck.InputError, match="a key of `edge`, the number of a loop, must be a whole number"):

@@ -195,7 +195,7 @@ def test_a_flux_that_does_not_grow_is_a_flux():
     ("edge", "sentence"),
     [
         ({0: ck.Dirichlet(0.0)}, "loop 1 for which `edge` gives no condition"),
-        ({0: ck.Dirichlet(0.0), 1: ck.Neumann(), 2: ck.Neumann()}, "loop 2, which the manifold has not"),
+        ({0: ck.Dirichlet(0.0), 1: ck.Neumann(), 2: ck.Neumann()}, "loop 2, and the manifold has no such loop"),
     ],
 )
 def test_tables_of_edges_fit_the_loops(edge, sentence):
