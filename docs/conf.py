@@ -22,7 +22,7 @@ extensions = [
     *("myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"),
     *("sphinx.ext.viewcode", "sphinx_copybutton"),
 ]
-exclude_patterns = ["_build", "generated/*.md", "generated/tables/*.md"]  # pages include these
+exclude_patterns = ["_build", "jupyter_execute", "generated/*.md", "generated/tables/*.md"]  # pages include these
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
 # The tutorials are executed at each build; a cell that fails, fails the build.
