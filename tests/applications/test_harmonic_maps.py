@@ -99,10 +99,12 @@ def test_textures_are_pulled_back_from_vertices_and_functions() -> None:
 
 
 def test_the_papers_explicit_steps_go_the_same_way() -> None:
-    with pytest.warns(ck.CpmkitWarning, match="did not come to rest within 200 steps"):
-        found = harmonic_map(SPHERE, SPHERE, initial=_noisy, spacing=0.25, method="explicit", most_steps=200)
+    found = harmonic_map(SPHERE, SPHERE, initial=_noisy, spacing=0.25, method="explicit", most_steps=200)
+    assert found.at_rest
     assert np.diff(found.energy).max() < 0
     assert abs(found.energy[-1] / LEAST_ENERGY - 1) < 1e-3
+    with pytest.warns(ck.CpmkitWarning, match="did not come to rest within 20 steps"):
+        harmonic_map(SPHERE, SPHERE, initial=_noisy, spacing=0.25, method="explicit", most_steps=20)
 
 
 @pytest.mark.parametrize(

@@ -86,14 +86,14 @@ def _refine_junctions(source: LocalSource, graph: CurveGraph, step: float) -> Cu
     for share in (0.5, 0.5, 0.2, 0.1):
         start = vertices[junctions[row]]
         ahead = max(share * step, 30.0 * source.noise) * unit(graph.vertices[neighbour] - start)
-        near, far = np.split(source.closest_point(np.concatenate([start + ahead, start + 2 * ahead])).points, 2)
+        near, far = (source.closest_point(start + factor * ahead).points for factor in (1, 2))
         secant = unit(near - far)
         across = np.eye(dimension) - secant[:, :, None] * secant[:, None, :]
         matrix, right = np.zeros((len(junctions), dimension, dimension)), np.zeros((len(junctions), dimension))
         np.add.at(matrix, row, across)
         np.add.at(right, row, (across @ near[:, :, None])[:, :, 0])
         regular = np.linalg.eigvalsh(matrix)[:, 0] > 0.05
-        meeting = np.linalg.solve(matrix[regular], right[regular][:, :, None])[:, :, 0]
+        meeting = np.asarray(np.linalg.solve(matrix[regular], right[regular][:, :, None])[:, :, 0], dtype=np.float64)
         meeting, moved = source.closest_point(meeting).points, junctions[regular]
         accepted = norms(meeting - graph.vertices[moved]) < step
         vertices[moved[accepted]] = meeting[accepted]

@@ -26,7 +26,7 @@ def nothing(x):
 def test_a_condition_on_the_edge_of_a_closed_curve_is_refused(edge, form):
     scene = ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), edge=edge)
     for ask in (ck.solve, partial(ck.explain, dry_run=True)):
-        with pytest.raises(ck.SceneError, match=r"the manifold has no edge.*: it is closed.*; leave it out"):
+        with pytest.raises(ck.SceneError, match=r"closed.*leave it out"):
             ask(scene, 0.1, form=form)
 
 
@@ -56,7 +56,7 @@ def test_a_loop_too_short_for_the_spacing_is_refused():
     """A hole of a twentieth of the spacing, which no node sees, and a smaller spacing does."""
     holed = ck.source("analytic.cap", height=-np.sqrt(1 - 1e-4), axis=[1, 2.3, 4.1])
     scene = ck.Scene(holed, ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(1.0))
-    with pytest.raises(ck.SceneError, match=r"has not at spacing=0.2: .* use a smaller spacing if the edge"):
+    with pytest.raises(ck.SceneError, match=r"has no edge at spacing=0.2: .* use a smaller spacing if the edge"):
         ck.solve(scene, 0.2, form="collocation")
 
 
