@@ -69,7 +69,7 @@ def check_installation(words):
     for word in words:
         path, _, named = word.partition("[")
         if path.startswith("."):
-            assert list(ROOT.glob(path.removeprefix("./") or "*")) or path == ".", word
+            assert path == "." or list(ROOT.glob(path.removeprefix("./") or "*")), word
         assert not path.startswith((".", "cpmkit")) or set(filter(None, named.rstrip("]").split(","))) <= extras, word
 
 
