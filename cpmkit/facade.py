@@ -149,7 +149,7 @@ class EvolvedSolution(Solution, EvolvedRecord):
 
     @document_look
     def animate(self, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:
-        """Write the frames as a film, ``.gif`` or ``.mp4``; see :func:`cpmkit.view.pictures.animate`."""
+        """Write the frames as a film, ``.gif`` or ``.mp4``, by default 700 pixels wide, and return its path."""
         from cpmkit.view.pictures import animate
 
         return animate(self, path, fps, **options)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any, Literal, Self, TypedDict, TypeVar
+from typing import Any, Literal, Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.whole_files import MOST_FILE_NAME_BYTES, check_name
 from cpmkit.runtime.arrays import as_vector, whole
 from cpmkit.runtime.messages import did_you_mean
-from cpmkit.runtime.options import check_key_types
+from cpmkit.runtime.options import Function, check_key_types
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,6 @@ class Look:
     def _set(self, name: str, value: Any) -> None:
         """Set a field of the frozen instance."""
         object.__setattr__(self, name, value)
-
-
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def document_look(function: Function) -> Function:

@@ -66,17 +66,14 @@ class GalerkinOptions(DeclaredOptions):
     stabilisation: str = option(
         "default",
         "How strongly the Galerkin form stabilises splines off the manifold, where samples do not determine them. "
-        "``accurate`` takes 1.4 to 2 times the iterations of ``default`` and gains on coarse lattices alone: on smooth "
-        "sources of degree 2 it leaves .8 of the error at five spacings a radius, .93 at ten and .98 at twenty, where "
-        "a smaller spacing buys more; of degree 1 it leaves .4 to .9.",
+        "``accurate`` takes up to twice the iterations of ``default`` and reduces the error on coarse lattices only.",
         one_of(*STABILISATIONS[2]),
     )
     samples: str = option(
         "auto",
         "Whether the Galerkin form clips triangles of a surface where they leave the lattice's cells before it samples "
         "them: ``plain`` does not, ``clipped`` does, ``auto`` where the triangles are curved to follow the surface, or "
-        "longer than half a spacing: half the error at h = 0.1 of a unit sphere, a sixth at 0.05, for half as many "
-        "samples more.",
+        "longer than half a spacing. Clipping reduces the error on smooth surfaces, for half as many samples more.",
         one_of(*SAMPLINGS),
     )
     tips: str = option(
