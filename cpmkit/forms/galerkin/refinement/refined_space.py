@@ -155,7 +155,7 @@ class RefinedSpace(FunctionSpace):
     def describe(self) -> dict[str, Any]:
         """Return the number of splines on each level, the number of solves, and the expected gain in words."""
         sizes = list(self.level_sizes)
-        text = f"sizes that differ let expect {self.gain:.2g} times fewer unknowns for one error"
+        text = f"refined cells are expected to need {self.gain:.2g} times fewer unknowns for the same error"
         if self.regions.finest:
             numbers = ", ".join(f"{size:,}" for size in sizes)
             text = f"on: {text}; {numbers} unknowns on levels 0 to {self.regions.finest}"
