@@ -158,13 +158,14 @@ def cycle(pairs: set[tuple[str, str]]) -> list[str]:
     return next((found for name in sorted(following) if (found := search(name, []))), [])
 
 
-def sentence(module: str) -> str:
-    """Return the first line of a module's docstring."""
-    return (ast.get_docstring(ast.parse(modules()[module].read_text(encoding="utf-8"))) or "").partition("\n")[0]
+def sentence(file: Path) -> str:
+    """Return the first line of a module's docstring, with code marked as Markdown marks it."""
+    docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return docstring.partition("\n")[0].replace("``", "`")
 
 
 def rooms_table() -> str:
-    """Return the rooms from the line down to the ground, with their sentences and those of the rooms in them."""
+    """Return the rooms from the line down to the ground with their sentences, those in them, and the plugins."""
     lines = ["| room | what it holds | files |", "|---|---|--:|"]
     for room in rooms():
         inner = [name for name, file in modules().items() if file.name == "__init__.py" and room_of(name) == room]
@@ -172,7 +173,10 @@ def rooms_table() -> str:
             inside = [other for other in modules() if other == name or other.rpartition(".")[0] == name]
             own = [other for other in inside if other not in inner or other == name]
             path = name.removeprefix("cpmkit.").replace(".", "/")
-            lines.append(f"| `{path}{'/' if inner else '.py'}` | {sentence(name).replace('``', '`')} | {len(own)} |")
+            lines.append(f"| `{path}{'/' if inner else '.py'}` | {sentence(modules()[name])} | {len(own)} |")
+    for init in sorted(ROOT.glob("plugins/*/cpmkit_*/__init__.py")):
+        name, files = init.parts[-3], len(list(init.parent.rglob("*.py")))
+        lines.append(f"| `plugins/{name}/` | {sentence(init)} | {files} |")
     return "\n".join(lines) + "\n"
 
 

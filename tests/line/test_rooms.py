@@ -66,7 +66,7 @@ def test_every_room_is_in_the_contract_and_says_what_it_holds(house):
     assert {house.room_of(name) for name in house.modules()} - {"cpmkit"} == set(house.rooms())
     for name, file in house.modules().items():
         if file.name == "__init__.py":
-            assert house.sentence(name).endswith("."), name
+            assert house.sentence(house.modules()[name]).endswith("."), name
 
 
 def test_table_and_picture(house, tmp_path, monkeypatch):
