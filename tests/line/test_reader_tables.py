@@ -25,6 +25,12 @@ def made(name):
     return heads, rows
 
 
+def test_pages_include_what_is_declared_and_all_of_it():
+    pages = [page.read_text(encoding="utf-8") for page in (ROOT / "docs").glob("*/*.md")]
+    included = {name for page in pages for name in re.findall(r"\{include\} \.\./generated/tables/(.+)\.md", page)}
+    assert included == set(DECLARED)
+
+
 @pytest.mark.parametrize("name", DECLARED)
 def test_a_table_is_small(name):
     heads, rows = made(name)
