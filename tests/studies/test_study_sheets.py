@@ -1,7 +1,6 @@
 """On real meshes, sheets that are told apart bring the method near to finite elements, and the table says how near."""
 
 import json
-import re
 import shutil
 import tomllib
 from dataclasses import replace
@@ -137,18 +136,6 @@ def test_the_cheap_spacings_are_the_two_coarsest(name):
     study = tomllib.loads((STUDIES / f"sheets-{name}.toml").read_text(encoding="utf-8"))
     assert (study["title"], study["surface"]["of"]["file"]) == (MESHES[name][1], MESHES[name][0])
     assert study["sweep"]["cheap"] == study["sweep"]["spacings"][:2]
-
-
-def test_the_study_in_the_documentation_is_one_of_them():
-    page = (ROOT / "docs" / "how-to" / "run-a-study.md").read_text(encoding="utf-8")
-    blocks = [tomllib.loads(block) for block in re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)]
-    (shown,) = [block for block in blocks if "reference" in block.get("exact", {})]
-    study = tomllib.loads((STUDIES / "sheets-fish.toml").read_text(encoding="utf-8"))
-    assert {key: shown[key] for key in ("surface", "problem", "exact")} == {
-        key: study[key] for key in ("surface", "problem", "exact")
-    }
-    assert shown["sweep"]["spacings"] == study["sweep"]["cheap"]
-    assert shown["sweep"]["methods"] == study["sweep"]["methods"]
 
 
 @pytest.fixture
