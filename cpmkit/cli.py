@@ -85,7 +85,7 @@ def schema(sort: str) -> None:
 @click.version_option(package_name="cpmkit")
 @traceback_option
 def main() -> None:
-    """Solve PDEs on curves and surfaces by the closest point method.
+    """Solve PDEs on curves, surfaces and solids that are known by their closest points.
 
     A scene is a TOML file: a surface, boundaries inside it with conditions on each side, an equation
     and a grid spacing. Start with `cpmkit explain SCENE.toml`, which says what would be built and at
@@ -189,7 +189,12 @@ def solve(
         written = write_results(solution, request, folder, progress, warnings)
     work, report = solution.work, solution.report
     ghosts = f", of which ghosts {work.ghosts:,}" if hasattr(work, "ghosts") else ""
-    head = [f"unknowns   {work.unknowns:,}{ghosts}", f"solver     {report.solver}: {report.reason}"]
+    form = written.summary.get("discretization", {}).get("form")  # back ends of plugins have none
+    head = [
+        *([f"form       {form}"] if form else []),
+        f"unknowns   {work.unknowns:,}{ghosts}",
+        f"solver     {report.solver}: {report.reason}",
+    ]
     print_outcome(solution, written.summary, warnings, head, [], as_json, quiet)
     written.check()
 

@@ -112,9 +112,10 @@ class ErrorEstimate:
         """Return the error, its bound and its place in one sentence."""
         errors = ", ".join(f"{error:.2g}" for error in self.error)
         rms = ", ".join(f"{100 * share:.2g}" for share in self.rms)
+        spacing = self.solution.spacing
         return (
-            f"error about {errors} at spacing {self.solution.spacing:g}, at most {float(self.bound.max()):.2g}, "
-            f"largest near {place(self.at)}; rms {rms} percent of the range{'; ' if self.slow else ''}{self.slow}"
+            f"largest error about {errors} at spacing {spacing:g}, at most {float(self.bound.max()):.2g}, "
+            f"near {place(self.at)}; root mean square {rms} percent of the range{'; ' if self.slow else ''}{self.slow}"
         )
 
 

@@ -260,7 +260,7 @@ def print_outcome(
         stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in seconds.items())
         printed = [*head, f"seconds    {sum(seconds.values()):.1f} ({stages})"]
         printed += [f"error      {line}" for line in str(solution.estimated or "").splitlines()]
-        printed += [f"way        {line}" for line in str(solution.solve_history or "").splitlines()]
+        printed += [f"history    {line}" for line in str(solution.solve_history or "").splitlines()]
         printed += [*lines, *(f"written    {Path(summary['folder'], file)}" for file in summary["files"])]
         if picture:
             printed.append(f"written    {Path(summary['folder'], picture['file'])} ({picture['camera']})")

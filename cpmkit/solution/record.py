@@ -376,10 +376,12 @@ class SolutionRecord:
 
     def __repr__(self) -> str:
         """Return the equation, the form, the spacing, the unknowns and the solver in two lines."""
+        count = len(self.scene.boundaries)
+        boundaries = f"{count} boundar{'y' if count == 1 else 'ies'}"
         warned = f", {len(self.warnings)} warnings" if self.warnings else ""
         channels = f", {self.channels} channels" if self.channels > 1 else ""
         return (
-            f"Solution of {self.scene.problem.kind} with {len(self.scene.boundaries)} boundaries, form "
+            f"Solution of {self.scene.problem.kind} with {boundaries}, form "
             f"{self.discretized.form}, spacing {self.spacing:g}{channels}\n"
             f"  {self.work.unknowns:,} unknowns, solver {self.report.solver}{warned}"
         )

@@ -154,7 +154,7 @@ files = ["summary.json"]
     found = json.loads(plain.stdout)["trade"]
     assert (found["status"], found["target"]["norm"]) == ("reached", "max")
     over = CliRunner().invoke(main, ["solve", "scene.toml", "--tolerance", "1e-2", "--norm", "rms"])
-    assert "way        tolerance 0.01 reached: root mean square about" in over.stdout
+    assert "history    tolerance 0.01 reached: root mean square about" in over.stdout
     at = CliRunner().invoke(main, ["solve", "scene.toml", "--spacing", "0.1", "--json", "--estimate"])
     assert "trade" not in json.loads(at.stdout)
     assert json.loads(at.stdout)["error"]["rms"][0] < 1e-3

@@ -133,7 +133,7 @@ def test_paint_holds_the_colours_of_both_sides(folder: Path) -> None:
 def test_paint_takes_a_tolerance_in_place_of_the_spacing(folder: Path) -> None:
     found = _run("paint", PAINT + SPHERE, "--tolerance", "0.05", "--seconds", "20")
     assert found.exit_code == 0, found.output
-    assert "way        " in found.output
+    assert "history    " in found.output
 
 
 def test_pictures_and_pages_show_what_is_made(folder: Path) -> None:

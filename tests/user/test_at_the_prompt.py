@@ -63,7 +63,7 @@ def test_a_cloud_has_a_repr_of_one_line():
 @pytest.mark.parametrize(
     ("problem", "text"),
     [
-        (ck.Laplace(), "Solution of laplace with 1 boundaries, form galerkin, spacing 0.2"),
+        (ck.Laplace(), "Solution of laplace with 1 boundary, form galerkin, spacing 0.2"),
         (ck.Heat("x", until=0.2, step=0.1, frames=1), "time 0.2 after 2 steps, 2 frames"),
         (ck.Eigen(6), "eigenvalues .*, ..."),
         (ck.PLaplacian(3.0, "x", 1.0, regularization=0.1), "Solution of p-laplacian"),
