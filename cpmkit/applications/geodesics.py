@@ -37,6 +37,7 @@ from cpmkit.plugin import ClosestPointSource, unit
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.messages import warn_each
+from cpmkit.solution.display_mesh import values_at_vertices
 from cpmkit.types import Bools, Floats
 
 #: Within so many spacings of an origin the straight distance is prescribed.
@@ -116,6 +117,13 @@ class Distance(Measured):
         if self.reached.all():
             return distance
         return np.where(self.reached[self.pieces.numbers_at(self.solution.discretized, feet)], distance, np.inf)
+
+    def at_vertices(self) -> Floats:
+        """Return the distance (n,) at the vertices from which the surface was made, as ``Solution.at_vertices`` does.
+
+        Raises InputError if the surface was not made from vertices.
+        """
+        return values_at_vertices(self.solution, self.evaluate)
 
     def path(self, start: Any) -> list[Floats]:
         """Return the shortest path (m, d) to the origins from each of the points ``start`` (k, d) or (d,), by descent.

@@ -7,7 +7,7 @@ a cloud or of a union shows the value of the side on which it lies.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.mixed_cells import CutCells, cut_by_distance, mesh_of, refine_mixed_cells, with_corners
 from cpmkit.mesh.normals_of_mesh import vertex_normals
-from cpmkit.types import Floats, Ints, Side, Sides
+from cpmkit.types import Floats, Ints, Side
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
@@ -182,8 +182,8 @@ def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
     )
 
 
-def values_at_vertices(solution: SolutionRecord, side: Sides) -> Floats:
-    """Return a solution (n,) or (n, channels) at the vertices from which the user made its surface.
+def values_at_vertices(solution: SolutionRecord, evaluate: Callable[[Floats], Floats]) -> Floats:
+    """Return what ``evaluate`` reads, (n,) or (n, channels), at the vertices from which the user made the surface.
 
     A vertex farther than half a spacing from the surface has NaN; see :meth:`SolutionRecord.at_vertices`.
     """
@@ -192,7 +192,7 @@ def values_at_vertices(solution: SolutionRecord, side: Sides) -> Floats:
     rows = np.flatnonzero(np.isfinite(vertices).all(axis=1))
     distance = surface.closest_point(np.ascontiguousarray(vertices[rows])).distance
     rows = rows[distance <= 0.5 * solution.spacing]  # others are in no face
-    read = solution.evaluate(np.ascontiguousarray(vertices[rows]), side)
+    read = evaluate(np.ascontiguousarray(vertices[rows]))
     values = np.full((len(vertices), *read.shape[1:]), np.nan)
     values[rows] = read
     return values

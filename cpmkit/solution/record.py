@@ -204,7 +204,7 @@ class SolutionRecord:
         """
         from cpmkit.solution.display_mesh import values_at_vertices
 
-        return values_at_vertices(self, side)
+        return values_at_vertices(self, lambda points: self.evaluate(points, side))
 
     def gradient(self, points: Any, side: Sides = None) -> Any:
         """Return the surface gradient of the solution at the points of the manifold nearest to ``points``.

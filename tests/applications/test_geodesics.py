@@ -177,3 +177,14 @@ def test_distances_are_infinite_behind_a_barrier() -> None:
     with pytest.warns(ck.CpmkitWarning, match="1 of 2 pieces"):
         distance = geodesic_distance(scene, [0, 0, 1], spacing=0.3, method="heat")
     assert np.isinf(distance.evaluate([[0, 0, -1], [0.6, 0, 0.8], [0.6, 0, -0.8]])).tolist() == [True, False, True]
+
+
+def test_the_distance_at_vertices_is_that_of_evaluate_in_their_order():
+    import trimesh
+
+    ball = trimesh.creation.icosphere(3)
+    distance = geodesic_distance(ball, [0], spacing=0.2)
+    found = distance.at_vertices()
+    assert found[0] == 0.0
+    np.testing.assert_allclose(found, distance.evaluate(ball.vertices))
+    assert np.abs(found - np.arccos(np.clip(ball.vertices @ ball.vertices[0], -1, 1))).max() < 0.05
