@@ -1,4 +1,4 @@
-"""Pictures of the pages on drawing, on sheets and on representations, and of the first tutorial.
+"""Pictures of the pages on drawing and of the first tutorial.
 
     python examples/pictures_of_pages.py ring ring.png
 

@@ -219,8 +219,8 @@ def check_insertion(insertion: Insertion, boundaries: Sequence[Boundary], spacin
         conditions = [boundary.condition(side) for boundary in (first, second) for side in SIDES]
         if not all(same_condition(conditions[0], condition) for condition in conditions):
             raise SceneError(
-                f"boundaries {first.name!r} and {second.name!r} lie at the same place and hold different conditions; "
-                "keep one of them there, with `left` and `right` where its sides differ."
+                f"boundaries {first.name!r} and {second.name!r} lie at the same place, and their conditions or sides "
+                "differ; keep one of them there, with `left` and `right` where its sides differ."
             )
     for number in sorted({*insertion.empty} - {number for number, _ in insertion.coincident}):
         raise SceneError(

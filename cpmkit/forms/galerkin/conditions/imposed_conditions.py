@@ -160,6 +160,12 @@ def _paired_samples(
     return sides[0], sides[1]
 
 
+def _covers_rims(samples: BoundarySamples) -> bool:
+    """Return whether a boundary lies on a rim: its facets have one cell beside them."""
+    pairs = np.unique(np.stack([samples.facet, samples.half], axis=1)[samples.facet >= 0], axis=0)
+    return bool(np.any(np.bincount(pairs[:, 0]) == 1))
+
+
 def _on_rims(
     scene: Scene, samples: BoundarySamples, surface: LocalSource, lattice: Lattice
 ) -> Iterator[ImposedCondition]:
@@ -181,7 +187,7 @@ def _on_rims(
                 f"`edge` gives a condition for loop {missing[0]}, and the manifold has no such loop: {named}; leave it "
                 "out, or correct the number."
             )
-    elif not len(rows):
+    elif not len(rows) and not _covers_rims(samples):
         raise SceneError("the manifold is closed and has no edge, so `edge` cannot be given; leave it out.")
     conditions = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
     check_parts_used(scene.edge, [condition for condition, _ in conditions])

@@ -67,7 +67,7 @@ def test_one_circle_drawn_twice(same):
         (sentence,) = warnings_of(ck.ScreenedPoisson(0.0), *both)
         assert "'a' and 'b' lie at the same place and hold the same" in sentence
     else:
-        with pytest.raises(ck.SceneError, match="'a' and 'b' lie at the same place and hold different conditions"):
+        with pytest.raises(ck.SceneError, match="'a' and 'b' lie at the same place, and their conditions"):
             warnings_of(ck.ScreenedPoisson(0.0), *both)
 
 

@@ -263,3 +263,11 @@ def test_a_ring_just_above_a_knot_plane_keeps_every_eigenvalue_above_zero():
     )
     solution = ck.solve(imposed, 0.15, form="galerkin", solver="multigrid")  # its cycle refuses such eigenvalues
     np.testing.assert_allclose(solution.evaluate([[0, 0, 1.0], [0, 0, -1.0]]), 3.0, atol=1e-7)
+
+
+def test_a_boundary_on_the_whole_rim_replaces_the_condition_of_the_edge():
+    rim = ck.Boundary("rim", ck.source("analytic.circle", normal=[0, 0, 1]), both=ck.Dirichlet(1.0))
+    cap = ck.source("analytic.cap")
+    for edge in (ck.Dirichlet(1.0), ck.Dirichlet(5.0)):
+        solution = ck.solve(ck.Scene(cap, ck.Laplace(), [rim], edge=edge), 0.3, form="galerkin")
+        np.testing.assert_allclose(solution.evaluate([[0, 0, 1], [0.6, 0, 0.8]]), 1.0, atol=1e-6)
