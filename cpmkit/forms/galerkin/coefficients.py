@@ -14,11 +14,11 @@ from cpmkit.forms.field import Field
 from cpmkit.forms.form_records import StateDependentCoefficient
 from cpmkit.forms.galerkin.advection import Advection, tangential_velocity, upstream_times
 from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS
-from cpmkit.forms.galerkin.patch_locator import CellSides
 from cpmkit.forms.galerkin.point_reading import PointReader
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.space.energy import gradients_at_samples
 from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.mesh.cell_sides import CellSides
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity, principal_diffusivities
 from cpmkit.scene.equations import Terms

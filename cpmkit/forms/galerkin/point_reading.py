@@ -11,13 +11,14 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS, READ_INSIDE_WIDTHS
-from cpmkit.forms.galerkin.patch_locator import CellSides, PatchLocator
+from cpmkit.forms.galerkin.patch_locator import PatchLocator
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.manifold.abilities import HasGivenMesh
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
+from cpmkit.mesh.cell_sides import CellSides
 from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.boundary import Boundary, boundary_number, named_sides
