@@ -81,6 +81,7 @@ if TYPE_CHECKING:
     from cpmkit.manifold.tangent_space import unit_tangents as unit_tangents
     from cpmkit.manifold.vector_algebra import as_rotation as as_rotation
     from cpmkit.manifold.vector_algebra import dots as dots
+    from cpmkit.manifold.vector_algebra import in_three_dimensions as in_three_dimensions
     from cpmkit.manifold.vector_algebra import norms as norms
     from cpmkit.manifold.vector_algebra import rotate as rotate
     from cpmkit.manifold.vector_algebra import unit as unit
@@ -220,7 +221,7 @@ GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
     "Vectors and meshes": {
         "manifold.orientation": ("Chain", "link_chains"),
         "manifold.source": ("source_repr",),
-        "manifold.vector_algebra": ("dots", "norms", "rotate", "unit"),
+        "manifold.vector_algebra": ("dots", "in_three_dimensions", "norms", "rotate", "unit"),
         "mesh.mesh": ("Mesh", "rectangle"),
         "mesh.mixed_cells": ("Polyline", "chain_segments", "number_edges", "rotate_triangles"),
     },

@@ -32,6 +32,11 @@ def unit(a: Floats) -> Floats:
         return np.where(length > 0, a / length, 0.0)
 
 
+def in_three_dimensions(points: Floats) -> Floats:
+    """Return ``points`` (n, 2 or 3) as (n, 3), with a third coordinate of zero for points of the plane."""
+    return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])
+
+
 def as_rotation(rotation: Any, dim: int) -> Floats:
     """Return a rotation, as given to a source that a plugin places or moves, as a (dim, dim) matrix.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.manifold.vector_algebra import dots, in_three_dimensions, norms
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import Polyline
 from cpmkit.meshing.insertion.constrained_triangulation import (
@@ -27,12 +27,7 @@ from cpmkit.meshing.insertion.parallel_curves import (
     is_close_to_others,
 )
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation
-from cpmkit.meshing.insertion.surface_matching import (
-    TriangleSearch,
-    in_three_dimensions,
-    polylines_of_source,
-    trace_polylines,
-)
+from cpmkit.meshing.insertion.surface_matching import TriangleSearch, polylines_of_source, trace_polylines
 from cpmkit.meshing.insertion.surface_paths import PathFinder
 from cpmkit.types import Floats, Ints
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import dots, norms, unit
-from cpmkit.meshing.insertion.surface_matching import in_three_dimensions
+from cpmkit.manifold.vector_algebra import dots, in_three_dimensions, norms, unit
 from cpmkit.types import Bools, Floats, Ints
 
 #: A boundary lies on an earlier boundary where their distance is below this share of the spacing.

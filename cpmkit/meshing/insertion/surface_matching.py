@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.grid.lattice import cell_levels
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.manifold.vector_algebra import dots, in_three_dimensions, norms
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import Polyline, chain_segments
 from cpmkit.meshing.contouring.curve_graph import trace_curve
@@ -221,11 +221,6 @@ def _step_costs(
         length = min(lengths.get(v, (np.inf, v))[0] + distance(place, triangulation.at(v)) for v in cell)
         costs[b] = min(max(0.0, length - free), most)
     return costs
-
-
-def in_three_dimensions(points: Floats) -> Floats:
-    """Return ``points`` (n, 2 or 3) as (n, 3), with a third coordinate of zero for points of the plane."""
-    return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])
 
 
 def polylines_of_source(source: LocalSource, length: float) -> list[Polyline] | None:

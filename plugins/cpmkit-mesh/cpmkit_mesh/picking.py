@@ -16,10 +16,10 @@ from cpmkit.plugin import (
     HasMesh,
     InputError,
     MissingDependencyError,
+    in_three_dimensions,
     shown,
     written_whole,
 )
-from cpmkit_mesh.polyline import in_three_dimensions
 
 if TYPE_CHECKING:
     from cpmkit.plugin import Solution, Surface

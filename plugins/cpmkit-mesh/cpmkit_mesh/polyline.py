@@ -18,6 +18,7 @@ from cpmkit.plugin import (
     as_points,
     as_positions,
     as_vector,
+    in_three_dimensions,
     one_row_each,
     source_repr,
     unit,
@@ -212,8 +213,3 @@ def _single_chain(points: Floats, rows: Ints, closed: bool) -> Polyline:
     if not closed:
         ends[[0, -1]] = 0, 1
     return Polyline(points[rows], np.stack([start, (start + 1) % k], axis=1), ends, rows, len(points), points)
-
-
-def in_three_dimensions(points: Floats) -> Floats:
-    """Return (n, 3) points, those of the plane with a third coordinate of zero."""
-    return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])
