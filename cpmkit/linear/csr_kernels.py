@@ -187,7 +187,7 @@ def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: 
 
 
 @compiled
-def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: Floats, x: Floats) -> None:
+def sweep_backward(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: Floats, x: Floats) -> None:
     """Update x and its residual ``rest`` = b - A x, both (channels, n), by a backward Gauss-Seidel sweep.
 
     Equations are solved from the last to the first, except where ``inverse`` (n,), 1 / diagonal or 0, is zero. A is
@@ -211,7 +211,7 @@ def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: F
 
 
 @compiled
-def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Floats, x: Floats) -> None:
+def sweep_forward(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Floats, x: Floats) -> None:
     """Update x (channels, n) by a forward Gauss-Seidel sweep for ``A x = b``; ``b`` (channels, n) is overwritten.
 
     Equations are solved from the first to the last, except where ``inverse`` (n,), 1 / diagonal or 0, is zero. A is

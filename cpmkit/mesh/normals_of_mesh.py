@@ -25,7 +25,7 @@ LOW_HEIGHT = 0.002
 
 
 @dataclass(frozen=True, eq=False)
-class Support:
+class EdgeSupport:
     """The support of edges: how well the surface beyond their ends agrees with the curvature along them."""
 
     #: (e,): curvature along the edge over the curvature beyond its ends, times the length beyond over its own length;
@@ -45,7 +45,7 @@ class Support:
         return np.asarray((self.ratio < limit) & (self.height > LOW_HEIGHT))
 
 
-def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> Support:
+def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> EdgeSupport:
     """Return the support of the edges of triangles, from their chords and the normals at the vertices.
 
     Parameters
@@ -64,7 +64,7 @@ def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) 
     first = np.r_[0, np.cumsum(np.bincount(corner, minlength=len(vertices)))]
     around = np.argsort(corner, kind="stable") // 2
     at, across = np.ascontiguousarray(vertices), np.ascontiguousarray(normals)
-    return Support(*mesh_kernels.edge_supports(at, np.ascontiguousarray(ends), across, creased, first, around))
+    return EdgeSupport(*mesh_kernels.edge_supports(at, np.ascontiguousarray(ends), across, creased, first, around))
 
 
 def vertex_normals(points: Floats, triangles: Ints) -> Floats:

@@ -22,7 +22,7 @@ from cpmkit.manifold.abilities import HasMembers, HasMesh
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.mesh import CellGeometry, Mesh
-from cpmkit.mesh.normals_of_mesh import Support, edge_support
+from cpmkit.mesh.normals_of_mesh import EdgeSupport, edge_support
 from cpmkit.mesh.subdivision import halve_edges, inherit_shares, split_at_knot_planes
 from cpmkit.meshing.curved_from_points import (
     CREASED_EDGE_SHARE,
@@ -162,13 +162,16 @@ def smooth_midpoints(
     return 0.5 * (a + b) + np.where(straight, 0.0, share)[:, None] * height, SmoothNormals(across, flat)
 
 
-def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> Support:
-    """Return the support of a mesh's edges by the surface beyond their ends, from ``normals`` at its vertices."""
+def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> EdgeSupport:
+    """Return the support of the edges of a mesh, from ``normals`` at its vertices."""
     return edge_support(mesh.vertices, mesh.edges.ends, normals.across[mesh.edges.ends], normals.flat)
 
 
-def source_support(source: LocalSource) -> Support | None:
-    """Return the support of edges of a source's own cells by the surface beyond; None if they depend on the spacing."""
+def own_edge_support(source: LocalSource) -> EdgeSupport | None:
+    """Return how well the surface beyond the ends of each edge of a source's own mesh agrees with the bend along it.
+
+    None for a source whose mesh depends on the spacing, or was not made yet (:func:`mesh_cache_of`).
+    """
     cache = mesh_cache_of(source)
     if cache is None:
         return None
@@ -235,7 +238,7 @@ def _height_shares(source: LocalSource, mesh: Mesh, normals: SmoothNormals) -> F
 
     It is computed only if some edge of the source's own cells keeps less than its whole height; otherwise it is 1.
     """
-    cache, support = mesh_cache_of(source), source_support(source)
+    cache, support = mesh_cache_of(source), own_edge_support(source)
     if cache is not None and support is not None and cache.has_cells_of(mesh):
         return support.share
     smooth = _is_supported_union(source) if support is None else bool((support.share == 1.0).all())
@@ -250,7 +253,7 @@ def _is_supported_union(source: LocalSource) -> bool:
         part = LocalSource(member, np.zeros(source.dim), source.queries, of=member)
         if isinstance(member, HasMesh):
             mesh_cache_of(part, member.mesh(float(np.ptp(member.bounds, axis=0).max()))[1])
-        support = source_support(part)
+        support = own_edge_support(part)
         if support is None or (support.share < 1.0).any():
             return False
     return True

@@ -51,8 +51,9 @@ def seam_warnings(places: Floats, surface: LocalSource, geometry: CellGeometry) 
     """Yield a warning if edges of rims lie on other rims, near ``places`` (k, d)."""
     if len(places):
         yield (
-            f"{len(places)} edges of rims lie on other rims, the first near {_in_scene(places[0], surface)}: nothing "
-            f"flows across them; {_cells_and_cure(geometry, 'weld the vertices of the mesh there')[1]} if it should."
+            f"{len(places)} edges of rims lie on other rims, the first near {_place_in_scene(places[0], surface)}: "
+            "nothing flows across them; "
+            f"{_cells_and_cure(geometry, 'weld the vertices of the mesh there')[1]} if it should."
         )
 
 
@@ -73,8 +74,8 @@ def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator
         )
     if len(report.missed):
         yield (
-            f"A piece of the surface near {_in_scene(report.missed[0], surface)} is too small for the lattice, and was "
-            "left out; use a smaller spacing."
+            f"A piece of the surface near {_place_in_scene(report.missed[0], surface)} is too small for the lattice, "
+            "and was left out; use a smaller spacing."
         )
 
 
@@ -102,7 +103,7 @@ def _defect_warnings(defects: MeshDefects, surface: LocalSource) -> Iterator[str
 
     def first(places: Floats) -> str:
         """Return the text about the first of ``places`` (k, d)."""
-        return f"the first near {_in_scene(places[0], surface)}"
+        return f"the first near {_place_in_scene(places[0], surface)}"
 
     if len(defects.cracks):
         yield (
@@ -133,28 +134,29 @@ def _defect_warnings(defects: MeshDefects, surface: LocalSource) -> Iterator[str
 
 
 def tracing_warnings(broken: TraceDefects, curve: LocalSource) -> Iterator[str]:
-    """Yield warnings on the trace of a curve by its closest points."""
+    """Yield warnings on defects of the trace of a curve by its closest points."""
     if len(broken.gaps):
         yield (
             f"The trace of the curve by closest points has loose ends at {len(broken.gaps)} places where the curve has "
-            f"none, the first near {_in_scene(broken.gaps[0], curve)}: nothing flows there; use a smaller spacing."
+            f"none, the first near {_place_in_scene(broken.gaps[0], curve)}: nothing flows there; use a smaller "
+            "spacing."
         )
     if len(broken.missed):
         farthest = int(broken.missed_distances.argmax())
         yield (
-            f"A piece of the curve near {_in_scene(broken.missed[farthest], curve)}, "
+            f"A piece of the curve near {_place_in_scene(broken.missed[farthest], curve)}, "
             f"{broken.missed_distances[farthest]:.2g} from the rest, is too small for the lattice, or was missed, "
             "and was left out; use a smaller spacing."
         )
     if len(broken.covered_twice):
         yield (
             f"The trace of the curve by closest points covers it twice at {len(broken.covered_twice)} places, the "
-            f"first near {_in_scene(broken.covered_twice[0], curve)}: strands of the curve are too near to each other "
-            "there; use a smaller spacing."
+            f"first near {_place_in_scene(broken.covered_twice[0], curve)}: strands of the curve are too near to each "
+            "other there; use a smaller spacing."
         )
 
 
-def _in_scene(point: Floats, source: LocalSource) -> str:
+def _place_in_scene(point: Floats, source: LocalSource) -> str:
     """Return the text of a ``point`` (d,), given relative to the lattice's origin, in the scene's coordinates."""
     return place(point + source.scene_origin)
 

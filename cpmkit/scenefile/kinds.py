@@ -86,7 +86,7 @@ def scene_schema(command: str | None = None) -> Schema:
 
     It includes the kinds that installed plugins add.
     """
-    title, tables, needed = "A scene of cpmkit", scene_tables(), ["problem", "surface"]
+    title, tables, needed = "A scene of cpmkit", table_schemas(), ["problem", "surface"]
     if command is not None:
         keys = APPLICATIONS[command]
         entries: list[Schema] = _one_of_kinds("source", keys.on_curve)["oneOf"]
@@ -120,7 +120,7 @@ def definitions() -> Schema:
     }
 
 
-def scene_tables(problem_needs: bool = True) -> Schema:
+def table_schemas(problem_needs: bool = True) -> Schema:
     """Return the JSON schema of each table of a scene, by its name.
 
     ``problem_needs`` is False if [problem] may lack required keys, which a study sets.

@@ -24,7 +24,7 @@ from cpmkit.plugins import call, check_accepted
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
 from cpmkit.scenefile.documented_keys import Key, keys_of
-from cpmkit.scenefile.kinds import DRAFT, definitions, scene_tables, table_of
+from cpmkit.scenefile.kinds import DRAFT, definitions, table_of, table_schemas
 from cpmkit.scenefile.scene_files import read_options, read_scene
 from cpmkit.studies.sweep import TARGETS, Sweep, listed_options, read_sweep
 
@@ -238,7 +238,7 @@ def _digest(file: Path) -> str:
 
 def study_schema() -> dict[str, Any]:
     """Return the JSON schema of study files."""
-    tables = {name: _without_number_types(table) for name, table in scene_tables(problem_needs=False).items()}
+    tables = {name: _without_number_types(table) for name, table in table_schemas(problem_needs=False).items()}
     lists = [Key(key, "list", "list", False, None, f"Values of {name}.") for name, key in listed_options().items()]
     sweep = [key for key in keys_of(Sweep) if key.name in {one.name for one in fields(Sweep)} - {"lists"}]
     return {

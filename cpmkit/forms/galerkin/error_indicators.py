@@ -13,7 +13,7 @@ from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import CellGeometry
 from cpmkit.mesh.normals_of_mesh import SUPPORTED, UNSUPPORTED
-from cpmkit.meshing.curved_from_normals import source_support
+from cpmkit.meshing.curved_from_normals import own_edge_support
 from cpmkit.meshing.mesh_cache import mesh_cache_of
 from cpmkit.types import Floats
 
@@ -202,9 +202,9 @@ def support_floor(surface: LocalSource, area: float, difference: float | None) -
 def _areas_by_support(surface: LocalSource) -> Floats | None:
     """Return the areas (3,) of a source's triangles: of all, of those with an unsupported edge, with a doubtful edge.
 
-    None for a source without a mesh.
+    None for a source without a mesh that is the same at any spacing, or whose mesh was not made yet.
     """
-    cache, support = mesh_cache_of(surface), source_support(surface)
+    cache, support = mesh_cache_of(surface), own_edge_support(surface)
     if cache is None or support is None:
         return None
     corners = cache.mesh.vertices[cache.mesh.cells]

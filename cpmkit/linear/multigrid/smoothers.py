@@ -39,7 +39,10 @@ class Smoother(Protocol):
         """Return x and ``b - A x``, both (n, channels), after steps from zero."""
 
     def after(self, x: Floats, b: Floats, /) -> Floats:
-        """Return x (n, channels) after further steps; x may be overwritten. They are the adjoint of :meth:`before`."""
+        """Return x (n, channels) after further steps for ``A x = b``; x may be overwritten.
+
+        In a symmetric cycle they are the adjoint of :meth:`before`.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,7 @@ class Chebyshev:
         return x, self.matrix.residual(x, b)
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x (n, channels) after three steps from x; they are their own adjoint."""
+        """Return x (n, channels) after three steps for ``A x = b`` from x; they are their own adjoint."""
         return x + self.before(self.matrix.residual(x, b))[0]
 
 
@@ -95,21 +98,21 @@ class GaussSeidel:
 
         Equations are solved from the last to the first.
         """
-        from cpmkit.linear.csr_kernels import sweep_up
+        from cpmkit.linear.csr_kernels import sweep_backward
 
         rest, A = np.array(b.T, order="C"), self.matrix
         u = np.zeros_like(rest)
         for _ in range(self.sweeps):
-            sweep_up(A.pointers, A.columns, A.entries, self.inverse, rest, u)
+            sweep_backward(A.pointers, A.columns, A.entries, self.inverse, rest, u)
         return np.ascontiguousarray(u.T), np.ascontiguousarray(rest.T)
 
     def after(self, x: Floats, b: Floats) -> Floats:
         """Return x (n, channels) after forward sweeps for ``A x = b``, the adjoint of :meth:`before`."""
-        from cpmkit.linear.csr_kernels import sweep_down
+        from cpmkit.linear.csr_kernels import sweep_forward
 
         u, A = np.array(x.T, order="C"), self.matrix
         for _ in range(self.sweeps):
-            sweep_down(A.pointers, A.columns, A.entries, self.inverse, np.array(b.T, order="C"), u)
+            sweep_forward(A.pointers, A.columns, A.entries, self.inverse, np.array(b.T, order="C"), u)
         return np.ascontiguousarray(u.T)
 
 
@@ -136,7 +139,7 @@ class WithStrip:
         return x, residual
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x (n, channels) after the iteration, and then solving for the strip with the others fixed."""
+        """Return x (n, channels) after the iteration for ``A x = b`` and a solve for the strip, the others fixed."""
         x = self.iteration.after(x, b)
         x[self.unknowns] += self.factors.solve(self.rows.residual(x, b[self.unknowns]))
         return x
@@ -173,7 +176,7 @@ class Schwarz:
         return np.zeros_like(b), b
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x (n, channels) after one solve on each block from the same residual."""
+        """Return x (n, channels) after one solve on each block, all with the residual of ``A x = b`` at x."""
         residual = b - self.matrix @ x
         for own, unknowns, factors in self.blocks:
             x[own] += factors.solve(residual[unknowns])[np.searchsorted(unknowns, own)]

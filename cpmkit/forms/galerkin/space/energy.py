@@ -181,7 +181,7 @@ def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisati
     It is g a h^(m - 2) times the sum of squared differences of order degree + 1 along the runs of the space, and of
     order degree along its short runs: sequences of neighbouring unknowns along an axis. The manifold has dimension m.
     """
-    means = space.means(scalar_coefficient(space, a))
+    means = space.means_at_unknowns(scalar_coefficient(space, a))
     scale = stabilisation.g * space.dof_map.spacing ** (space.manifold_dim - 2)
     add_differences(space, space.runs, scale * means[space.runs].mean(axis=1), data)
     add_differences(space, space.short_runs, scale * means[space.short_runs].mean(axis=1), data)
@@ -194,7 +194,7 @@ def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Flo
     through these unknowns inside a patch. For splines of degree 1 these would penalise slopes: then the floor is on
     second differences along runs, and only beside boundaries, since elsewhere it would only cost iterations.
     """
-    means = space.means(scalar_coefficient(space, a))
+    means = space.means_at_unknowns(scalar_coefficient(space, a))
     ratio = diagonal / means
     median = float(np.median(ratio))
     light = ratio < LIGHT_SHARE * median

@@ -148,8 +148,11 @@ class SplineSpace:
         matrix.has_canonical_format = True
         return matrix
 
-    def means(self, values: Floats) -> Floats:
-        """Return the mean (n,) of ``values`` (q,) or (1,) over the samples in the patches that read each unknown."""
+    def means_at_unknowns(self, values: Floats) -> Floats:
+        """Return the mean (n,) of ``values`` (q,) over the samples in the patches that read each unknown.
+
+        ``values`` may be (1,), a constant.
+        """
         if len(values) == 1:
             return np.full(self.dof_map.size, values[0])
         patches, unknowns = len(self.dof_map.cells), self.dof_map.unknowns
