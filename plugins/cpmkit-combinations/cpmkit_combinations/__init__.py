@@ -1,4 +1,4 @@
-"""Sources made of other sources, whatever their kind: unions, moved sources, solids, tubes, cuts and trimmed parts."""
+"""Sources made of other sources of any kind: unions, moved, solids, tubes, trimmed parts, and cuts traced as cubics."""
 
 from cpmkit_combinations import plugin
 

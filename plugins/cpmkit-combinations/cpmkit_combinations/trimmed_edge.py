@@ -29,7 +29,7 @@ class TrimmedEdge(Protocol):
 
     @property
     def source(self) -> ClosestPointSource:
-        """Its points."""
+        """The points as a source."""
 
     @property
     def deviation(self) -> float:
@@ -86,7 +86,7 @@ class PointEdge:
     directions : (k, d) float64
         Unit vectors along the curve, towards the part that is cut away.
     ends : (k,) int64
-        0 for the start and 1 for the end of the part, one a point.
+        0 for a point at the start of the part, 1 for one at its end.
     """
 
     source: PointSet
@@ -118,6 +118,7 @@ def point_edge(cut: LevelCut, points: PointSet, ends_left: Ints) -> PointEdge:
     Parameters
     ----------
     cut : LevelCut
+        The curve, and the function trim.
     points : PointSet
         The zeros of trim on the curve.
     ends_left : (k,) int64
@@ -146,17 +147,19 @@ def point_edge(cut: LevelCut, points: PointSet, ends_left: Ints) -> PointEdge:
 
 
 def clip_mesh(vertices: Floats, cells: Ints, values: Floats, onto: Callable[[Floats], Floats]) -> tuple[Floats, Ints]:
-    """Return the vertices and cells of the part where ``values`` are negative.
+    """Return the vertices (k, d) and cells (l, 2 or 3) of the part of a mesh where ``values`` are negative.
+
+    Cells keep their direction or winding.
 
     Parameters
     ----------
     vertices : (v, d) float64
-    cells : (m, k) int64
+    cells : (m, 2 or 3) int64
         Segments or triangles.
     values : (v,) float64
         At the vertices.
     onto : callable
-        Moves points (n, d), zeros of the linear interpolation, to the end of the part.
+        Moves points (n, d), the zeros of ``values`` interpolated on the edges of cells, to the edge of the part.
     """
     inside = values < 0
     edges, cell_edges = number_edges(cells, len(vertices))
@@ -175,13 +178,17 @@ def clip_mesh(vertices: Floats, cells: Ints, values: Floats, onto: Callable[[Flo
 
 
 def _clip_segments(cells: Ints, crossings: Ints, inside: Bools) -> Ints:
+    """Return whole segments, and parts from the vertex ``inside`` (m, 2) to the vertex ``crossings`` (m, 1)."""
     crossed = inside.sum(axis=1) == 1
     clipped = np.where(inside[crossed], cells[crossed], crossings[crossed])
     return np.concatenate([cells[inside.all(axis=1)], clipped])
 
 
 def _clip_triangles(cells: Ints, crossings: Ints, inside: Bools) -> Ints:
-    """Return whole triangles, corners where one vertex is inside, and halves of the quadrangles where two are."""
+    """Return whole triangles, corners where one vertex is inside, and halves of the quadrangles where two are.
+
+    ``crossings`` (m, 3) are the new vertices on the edges of each triangle, -1 for none.
+    """
     count = inside.sum(axis=1)
     single, pair = count == 1, count == 2
     (a, _, _), (ab, _, ca) = rotate_triangles(cells[single], crossings[single], inside[single].argmax(axis=1))

@@ -19,6 +19,7 @@ class Pins:
     Attributes
     ----------
     vertices : (p,) int64
+        Ascending.
     parts : sequence of RimPart and Tie
         Parts with values, and ties with a prescribed jump.
     picked : (p,) int64
@@ -33,14 +34,14 @@ class Pins:
     channels: int
 
     def values(self, time: float | None = None) -> Floats:
-        """Return the values (p, channels)."""
+        """Return the prescribed values (p, channels); ``time`` is None for steady problems."""
         none = np.zeros((0, self.channels))
         of_parts = [part.values(self.channels, time) for part in self.parts]
         return np.concatenate([none, *of_parts])[self.picked]
 
 
 def pins_of(parts: Sequence[RimPart], ties: Sequence[Tie], channels: int) -> Pins:
-    """Return all pinned vertices."""
+    """Return the vertices whose values the conditions of ``parts`` and the jumps of ``ties`` prescribe."""
     prescribed: list[RimPart | Tie] = [part for part in parts if isinstance(part.law, Value)]
     prescribed += [tie for tie in ties if tie.prescribes_jump]
     vertices = np.concatenate([np.zeros(0, dtype=np.int64), *(part.on for part in prescribed)])

@@ -50,13 +50,14 @@ class RimPart:
     mesh : CellMesh
         The mesh of the facets.
     edges : (e, c) int64
-        Nodes of each facet: one of a point, two of an edge, three of an edge of degree 2.
-    what : str
-        Named in errors.
+        Nodes of each facet: one for a point, two for an edge, three for an edge of degree 2.
+    label : str
+        Name of the condition's boundary or edge in errors.
     place : ClosestPointSource, optional
         The boundary, at whose closest points data are evaluated; None on the rim, where they are evaluated at nodes.
     target : (n, d) float64, optional
-        Points in place of nodes of the rim where a boundary ends and data may jump.
+        On the rim, the points at which data are evaluated in place of the mesh's n nodes: moved off a boundary's end,
+        where data may jump. None: the nodes.
     """
 
     law: OneSided
@@ -68,7 +69,7 @@ class RimPart:
 
     @cached_property
     def on(self) -> Ints:
-        """(k,) the vertices."""
+        """(k,) the vertices of the facets, ascending."""
         return np.unique(self.edges)
 
     @cached_property
@@ -80,13 +81,13 @@ class RimPart:
 
     @property
     def off(self) -> Floats:
-        """(k,) distances of these points from the vertices."""
+        """(k,) distances of :attr:`points` from the vertices; zero on the rim, wherever data are evaluated."""
         if self.place is None:
             return np.zeros(len(self.on))
         return np.asarray(np.linalg.norm(self.points - self.mesh.nodes[self.on], axis=1))
 
     def values(self, channels: int, time: float | None) -> Floats:
-        """Return the law's datum (k, channels) there."""
+        """Return the law's datum (k, channels) at :attr:`points`; ``time`` is None for steady problems."""
         return evaluate_data(self.law.datum, self.points, channels, self.label, time)
 
     def data_at_vertices(self, data: Data, channels: int, time: float | None) -> Floats:
@@ -126,7 +127,7 @@ class RimPart:
 
 
 def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
-    """Return the parts of the rim without the facets ``besides`` (e, k - 1); none where the mesh is closed.
+    """Return the parts of the rim without the facets ``besides`` (b, m), on boundaries; none if the mesh is closed.
 
     Raises
     ------
@@ -143,16 +144,19 @@ def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
 
 
 def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
-    """Return the facets (e, c) of a single cell, except ``besides`` (b, k - 1), and their opposite corners."""
+    """Return the facets (e, c) that only one cell has, except ``besides`` (b, m), and the corner (e,) opposite each.
+
+    m is the dimension of the manifold.
+    """
     facets, count, opposite = mesh.facets
-    k, size = mesh.manifold_dim, len(mesh.nodes)
-    powers = size ** np.arange(k)
-    rim = (count == 1) & ~np.isin(np.sort(facets[:, :k], axis=1) @ powers, np.sort(besides, axis=1) @ powers)
+    m, size = mesh.manifold_dim, len(mesh.nodes)
+    powers = size ** np.arange(m)
+    rim = (count == 1) & ~np.isin(np.sort(facets[:, :m], axis=1) @ powers, np.sort(besides, axis=1) @ powers)
     return facets[rim], opposite[rim]
 
 
 def _beside_ends(mesh: CellMesh, facets: Ints, besides: Ints) -> Floats:
-    """Return the nodes (n, d), those of the rim's facets on a cut a little along the rim, on their own side."""
+    """Return the nodes (n, d); those of the rim's ``facets`` on ``besides`` are moved a little along the rim."""
     target, ends = mesh.nodes.copy(), facets[:, : mesh.manifold_dim]
     facet, place = np.nonzero(np.isin(ends, besides))
     at = ends[facet, place]
@@ -167,7 +171,10 @@ def _one_sided(condition: Condition) -> OneSided:
 
 
 def outside(nodes: Floats, facets: Ints, opposite: Ints) -> Floats:
-    """Return points (e, d) a little outside of the rim, whose closest points lie on it; those of chords may not."""
+    """Return points (e, d) a little outside of ``facets`` of the rim: their closest points lie on the rim.
+
+    The middles of the facets may have closest points inside. ``opposite`` (e,) are the corners opposite the facets.
+    """
     if facets.shape[1] == 1:
         end = nodes[facets[:, 0]]
         return np.ascontiguousarray(end + OUTSIDE_EDGE_SHARE * (end - nodes[opposite]))

@@ -50,11 +50,11 @@ class Tie:
     mesh : CellMesh
         The mesh, cut along the boundary.
     edges : (e, c) int64
-        Facets on the left, as places among ``left``.
+        Facets on the left: their nodes, as rows of ``left``.
     left, right : (k,) int64
-        Vertices on the left, and those at the same points on the right; at ends of the boundary the same.
-    what : str
-        Named in errors.
+        Vertices on the left, and those at the same points on the right; at an end of the boundary both are one vertex.
+    label : str
+        Name of the boundary in errors.
     place : ClosestPointSource
         The boundary, at whose closest points data are evaluated.
     """
@@ -69,22 +69,24 @@ class Tie:
 
     @property
     def prescribes_jump(self) -> bool:
-        """Whether the jump is prescribed as the unknowns of ``right``, in place of a conductance."""
+        """Whether the unknowns of ``right`` are prescribed jumps: at points of a curve, without a resistance."""
         return self.mesh.manifold_dim == 1 and not self.law.resistance
 
     @property
     def on(self) -> Ints:
-        """(k,) the unknowns with prescribed values where the jump is prescribed."""
+        """(k,) the unknowns that are jumps if :attr:`prescribes_jump`."""
         return self.right
 
     @property
     def off(self) -> Floats:
-        """(k,) distances of the data from these: zero (as for parts of the rim)."""
+        """(k,) distances of the points of the data from the vertices, zero here (:attr:`RimPart.off`)."""
         return np.zeros(len(self.right))
 
-    def values(self, channels: int, time: float | None) -> Floats:
-        """Return the jumps (k, channels)."""
+    def jumps(self, channels: int, time: float | None) -> Floats:
+        """Return the jumps u_left - u_right (k, channels) at the vertices; ``time`` is None for steady problems."""
         return self._evaluate(self.law.jump, channels, time)
+
+    values = jumps  # prescribed ones, as Pins reads them
 
     @cached_property
     def points(self) -> Floats:
@@ -100,14 +102,14 @@ class Tie:
         flux = self._evaluate(self.law.flux, channels, time)
         added = self._mean.T @ (self._mass(np.ones(len(self.left))) @ flux)
         if not self.prescribes_jump:
-            added += self._difference.T @ (self._mass(self._conductance(a)) @ self.values(channels, time))
+            added += self._difference.T @ (self._mass(self._conductance(a)) @ self.jumps(channels, time))
         return np.asarray(added)
 
     def _evaluate(self, data: Data, channels: int, time: float | None) -> Floats:
         return evaluate_data(data, self.points, channels, self.label, time)
 
     def _conductance(self, a: Floats) -> Floats:
-        """Return 1 / R (k,)."""
+        """Return 1 / R (k,) at the vertices, R being the resistance."""
         if self.law.resistance:
             return np.full(len(self.left), 1.0 / self.law.resistance)
         return np.maximum(a[self.left], a[self.right]) / (NO_RESISTANCE_EDGES * self.mesh.mean_edge)
@@ -133,7 +135,7 @@ class Tie:
 
 
 def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
-    """Return the boundaries whose law couples their sides.
+    """Return the ties of the boundaries whose law couples their sides; none where the mesh is not ``cut``.
 
     Raises
     ------
@@ -160,7 +162,7 @@ def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
 
 
 def _across(vertices: Floats, left: Ints, right: Ints) -> tuple[Ints, Bools]:
-    """Return for each of ``left`` (k,) the vertex of ``right`` at the same point, and which have none."""
+    """Return for each of ``left`` (k,) the vertex of ``right`` at the same point, -1 for none, and which have none."""
     places = {point.tobytes(): int(vertex) for point, vertex in zip(vertices[right], right, strict=True)}
     partners = np.array([places.get(point.tobytes(), -1) for point in vertices[left]], dtype=np.int64)
     return partners, partners < 0

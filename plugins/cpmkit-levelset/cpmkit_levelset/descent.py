@@ -17,9 +17,9 @@ from cpmkit_levelset.manifold import LocalShape, ZeroSet
 LEVELSET_DESCENT_STEPS = 40
 #: A Newton step shorter than this, relative to the size, is the last: the next one would be its square.
 LAST_NEWTON_SHARE = 1e-9
-#: A point whose shortest step still was longer than this, relative to the size, has not converged.
+#: A point whose last step was longer than this, relative to the size, has not converged.
 LOOSE_STEP_SHARE = 1e-6
-#: A step that does not shorten the distance is cut to this share, so many times.
+#: A step that increases the distance is cut to this share of itself, at most so many times.
 STEP_CUT_FACTOR, MOST_STEP_CUTS = 0.3, 10
 
 
@@ -34,7 +34,7 @@ def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple
     start : (n, d) float64
         Points of the zero set.
     stride : float
-        No step is longer than this.
+        The length of the longest step.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple
     for _ in range(LEVELSET_DESCENT_STEPS):
         queries, points = x[rows], y[rows]
         step, length = newton_step(zero_set.shape(queries, points), stride)
-        y[rows], moved = _downhill(zero_set, queries, points, step, stride)
+        y[rows], moved = _line_search(zero_set, queries, points, step, stride)
         rows = rows[: settle_rows(rows, length, moved, last, converged, least, loose)]
         if not len(rows):
             break
@@ -58,15 +58,20 @@ def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple
 
 
 def newton_step(shape: LocalShape, stride: float) -> tuple[Floats, Floats]:
-    """Return tangential steps (n, d), cut to ``stride``, and how long they were before that (n,)."""
+    """Return tangential steps (n, d), no longer than ``stride``, and their lengths (n,) before they were cut to it."""
     n, _, d = shape.tangents.shape
     step, length = np.empty((n, d)), np.empty(n)
     newton_steps(*shape, stride, step, length)
     return step, length
 
 
-def _downhill(zero_set: ZeroSet, x: Floats, y: Floats, step: Floats, stride: float) -> tuple[Floats, Bools]:
-    """Return ``y`` moved along ``step`` and back to the zero set, cut until no farther from ``x``; and if it moved."""
+def _line_search(zero_set: ZeroSet, x: Floats, y: Floats, step: Floats, stride: float) -> tuple[Floats, Bools]:
+    """Return ``y`` (n, d) after a line search along ``step`` (n, d), and whether (n,) each point moved.
+
+    A trial is a share of the step, projected back on the zero set. Shares fall by `STEP_CUT_FACTOR` until a
+    trial is no farther from ``x`` (n, d), for at most `MOST_STEP_CUTS` trials. A trial that projection moves farther
+    than 2 ``stride`` does not count.
+    """
     moved, best = np.zeros(len(x), dtype=bool), y.copy()
     rows, share = np.arange(len(x)), 1.0
     noise = 8 * np.finfo(float).eps * zero_set.size * (norms(x - y) + zero_set.size)

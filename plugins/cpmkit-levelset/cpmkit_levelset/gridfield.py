@@ -26,7 +26,7 @@ class GridField:
     ----------
     values : (n0, n1[, n2]) float64
     origin, spacing : (d,) float64
-        Where the first value lies, and how far its neighbours are.
+        The point of the first value, and the distance of neighbouring values along each axis.
     """
 
     values: Floats
@@ -44,28 +44,28 @@ class GridField:
         return np.stack([self.origin, self.origin + self.spacing * (np.array(self.values.shape) - 1)])
 
     def value(self, p: Floats) -> Floats:
-        """Return phi (n,); outside of the grid NaN."""
+        """Return phi (n,) at points ``p`` (n, d); outside of the grid NaN, as the derivatives are."""
         return self._derivatives(p, 0).reshape(len(p))
 
     def gradient(self, p: Floats) -> tuple[Floats, Floats]:
-        """Return phi (n,) and its gradient (n, d)."""
+        """Return phi (n,) and its gradient (n, d) at points ``p`` (n, d)."""
         table = self._derivatives(p, 1)
-        return _entry(table, (0,) * self.dim), self._first(table)
+        return _derivative(table, (0,) * self.dim), self._first(table)
 
     def jet(self, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d)."""
+        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d) at points ``p`` (n, d)."""
         table, d = self._derivatives(p, 2), self.dim
         hessian = np.empty((len(p), d, d))
         for i in range(d):
             for j in range(d):
                 orders = tuple(int(k == i) + int(k == j) for k in range(d))
-                hessian[:, i, j] = _entry(table, orders) / (self.spacing[i] * self.spacing[j])
-        return _entry(table, (0,) * d), self._first(table), hessian
+                hessian[:, i, j] = _derivative(table, orders) / (self.spacing[i] * self.spacing[j])
+        return _derivative(table, (0,) * d), self._first(table), hessian
 
     def slope_error(self, p: Floats) -> float:
-        """Return by how much slopes at ``p`` (n, d) are off, as a share of them, root mean square.
+        """Return the error of gradients at ``p`` (n, d), as a share of their length, root mean square.
 
-        It is estimated from how they differ between the polynomial of a cell and those of its neighbours.
+        It is estimated from differences between the polynomials of a cell and of its neighbours.
         """
         slope = self.gradient(p)[1]
         apart = [
@@ -76,14 +76,15 @@ class GridField:
         return float(np.sqrt(np.mean(share[np.isfinite(share)])))
 
     def _first(self, table: Floats) -> Floats:
+        """Return the gradient (n, d), in the unit of the scene, from the ``table`` of :meth:`_derivatives`."""
         units = [tuple(int(k == i) for k in range(self.dim)) for i in range(self.dim)]
-        gradient: Floats = np.stack([_entry(table, orders) for orders in units], axis=1) / self.spacing
+        gradient: Floats = np.stack([_derivative(table, orders) for orders in units], axis=1) / self.spacing
         return gradient
 
     def _derivatives(self, p: Floats, most: int, shift: Ints | int = 0) -> Floats:
-        """Return (n, most + 1, ...): the derivatives of each order in each coordinate, in units of the grid.
+        """Return the table (n, most + 1, ...) of derivatives of orders 0 to ``most`` in each coordinate.
 
-        Those of the polynomial that belongs to the cell ``shift`` cells on.
+        They are in units of the grid, and those of the polynomial that belongs to the cell ``shift`` cells on.
         """
         last = np.array(self.values.shape) - 1
         q = (p - self.origin) / self.spacing
@@ -108,10 +109,13 @@ class GridField:
         return patches
 
 
-def _entry(table: Floats, orders: tuple[int, ...]) -> Floats:
-    """Return (n,): the derivative of these orders."""
-    entry: Floats = table[:, *orders]
-    return entry
+def _derivative(table: Floats, orders: tuple[int, ...]) -> Floats:
+    """Return (n,) the derivative of these orders in each coordinate, in units of the grid.
+
+    ``table`` is that of :meth:`GridField._derivatives`.
+    """
+    derivative: Floats = table[:, *orders]
+    return derivative
 
 
 def _weights(t: Floats, most: int) -> Floats:

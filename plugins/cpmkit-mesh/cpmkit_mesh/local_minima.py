@@ -22,10 +22,11 @@ class VertexTriangles:
     Attributes
     ----------
     vertices : (m, 3) int64
-        Of the triangle in each slot.
+        The corners of the triangle in each slot.
     first : (k + 1,) int64
-        ``around[first[v] : first[v + 1]]`` are the slots around vertex v.
+        Places in ``around``.
     around : (3 m,) int64
+        ``around[first[v] : first[v + 1]]`` are the slots of the triangles around vertex v.
     cones : (nodes, 5) float64
         Axis, cosine and sine of a cone that contains the normals in each box of the tree; cosine 0 where there is none.
     """
@@ -43,7 +44,7 @@ class LocalMinima:
     Attributes
     ----------
     rows : (k,) int64
-        The row of the query of each, ascending.
+        The query of each minimum, as a row of the queries, ascending.
     points : Nearest
         The minima.
     measured : int
@@ -137,6 +138,6 @@ def distinct_minima(x: Floats, rows: Ints, points: Nearest, size: float) -> Bool
 
     tolerances = SAME_POINT_DISTANCE_SHARE, SAME_POINT_SIZE_SHARE * size
     first = np.empty(len(rows), dtype=np.bool_)
-    query_kernels.distinct_minima(rows, points.point, points.distance, *tolerances, first)
+    query_kernels.mark_distinct_minima(rows, points.point, points.distance, *tolerances, first)
     reach = np.linalg.norm(x[rows] - points.point, axis=1)
     return np.asarray(first & (reach >= (1.0 - tolerances[0]) * points.distance - tolerances[1]))

@@ -51,19 +51,19 @@ def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...
 
 
 def _touching_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
-    """Return a warning if two components touch or pass through each other."""
+    """Return a warning if two components are within :data:`TOUCHING_SPACINGS` or pass through each other."""
     approach = closest_approach(mesh.vertices, mesh.faces, mesh.component, TOUCHING_SPACINGS * spacing)
     if approach is None:
         return []
     return [
-        f"Pieces of the mesh meet or pass through each other: near {place(approach.place - mesh.shift)} two are "
-        f"{approach.distance / spacing:.1g} spacings apart; closest points mix them there, and the solution may be off "
-        "by tens of percent nearby; join them into one, or solve on them one by one."
+        f"Pieces of the mesh nearly meet, or pass through each other: near {place(approach.place - mesh.shift)} two "
+        f"are {approach.distance / spacing:.1g} spacings apart; closest points mix them there, and the solution may be "
+        "off by tens of percent nearby; join them into one, or solve on them one by one."
     ]
 
 
 def _crease_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
-    """Return a warning if the mesh has long creases."""
+    """Return a warning if the mesh has creases of more than :data:`LONG_CREASE_ROOTS_OF_AREA`, short ones left out."""
     creases = mesh.inner_edges.take(mesh.inner_edges.angle > np.deg2rad(mesh.crease_angle))
     creases = creases.take(_connected_length(creases) > SHORT_CREASE_SPACINGS * spacing)
     areas = 0.5 * double_areas(mesh.vertices, mesh.faces)
@@ -81,7 +81,7 @@ def _crease_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
 
 
 def _connected_length(creases: InnerEdges) -> Floats:
-    """Return for each edge (k,) the total length of the edges connected with it."""
+    """Return for each edge (k,) the total length of the edges connected with it, its own included."""
     used, node = np.unique(creases.ends, return_inverse=True)
     node = node.reshape(-1, 2)
     component = components(node, len(used))[node[:, 0]]
@@ -99,7 +99,7 @@ def _share_near(mesh: TriangleMesh, creases: InnerEdges, areas: Floats, distance
 
 
 def _crease_consequence(smooth: bool, creases: InnerEdges, spacing: float) -> str:
-    """Return what creases do to a solution, and the spacing below which most are rounded off."""
+    """Return the end of the warning about creases: their effect on a solution at this spacing, and a remedy if any."""
     radius = creases.width / creases.angle
     order = np.argsort(radius)
     passed = np.cumsum(creases.length[order])

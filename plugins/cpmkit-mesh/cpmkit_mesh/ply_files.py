@@ -114,7 +114,7 @@ def _header(data: bytes) -> tuple[str, list[Element], bytes]:
             form = words[1]
         elif words[0] == "element" and len(words) == 3 and words[2].isdecimal() and len(words[2]) < 16:
             elements.append(Element(words[1], int(words[2])))
-        elif words[0] == "property" and elements and (found := _property(words)) is not None:
+        elif words[0] == "property" and elements and (found := _parse_property(words)) is not None:
             elements[-1].properties.append(found)
         else:
             raise InputError(f"line {data[: data.find(line.encode())].count(10) + 1} of its header is damaged.")
@@ -127,7 +127,7 @@ def _header(data: bytes) -> tuple[str, list[Element], bytes]:
     return form, elements, data[after:]
 
 
-def _property(words: list[str]) -> Property | None:
+def _parse_property(words: list[str]) -> Property | None:
     """Return the property in the words of a line of the header; None if the line is damaged."""
     if len(words) == 3 and words[1] in PLY_TYPES:
         return Property(words[2], PLY_TYPES[words[1]])

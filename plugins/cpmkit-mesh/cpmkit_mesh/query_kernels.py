@@ -23,11 +23,12 @@ CONE_SLACK_COSINE = 1e-7
 
 @compiled
 def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, point, distance):
-    """Find the nearest primitive of each query ``x[start:stop]`` (n, 3).
+    """Find the nearest primitive, a triangle or segment, of each query ``x[start:stop]`` (n, 3).
 
-    ``frames`` (m, 3, 3) are a corner and the two edges from it. Written are the ``slot`` (n,) of the nearest primitive,
-    the coordinates ``local`` (n, 2) of the nearest point along its two edges, the ``point`` (n, 3) and its ``distance``
-    (n,). Ties go to the primitive reached first, which is the same in every run.
+    ``frames`` (m, 3, 3) are a corner and the two edges from it, ``shape`` (m,) says which formula gives the
+    distance. Written are the ``slot`` (n,) of the nearest primitive, the coordinates ``local`` (n, 2) of the nearest
+    point along its two edges, the ``point`` (n, 3) and its ``distance`` (n,). Ties go to the primitive reached first,
+    which is the same in every run.
     """
     waiting_node = np.empty(STACK_NODES, dtype=np.uint64)
     waiting_square = np.empty(STACK_NODES)
@@ -167,10 +168,11 @@ def _has_lower_neighbour(px, py, pz, frames, shape, patches, s, square, v, w):
 
 
 @compiled
-def distinct_minima(rows, points, distance, relative, absolute, is_first):
-    """Mark in ``is_first`` (k,) the first of the ``points`` (k, 3) of each of ``rows`` (k,), ascending, at each place.
+def mark_distinct_minima(rows, points, distance, relative, absolute, is_first):
+    """Mark in ``is_first`` (k,) whether each of the ``points`` (k, 3) is the first of its query at its place.
 
-    Points nearer to each other than ``relative`` times the distance plus ``absolute`` are at one place.
+    ``rows`` (k,), ascending, are the queries of the points, ``distance`` (k,) the distances from them. Points of a
+    query that are nearer to each other than ``relative`` times the distance plus ``absolute`` are at one place.
     """
     begin = 0
     for i in range(len(rows)):
@@ -189,7 +191,7 @@ def distinct_minima(rows, points, distance, relative, absolute, is_first):
 
 @inlined
 def _write(x, i, s, v, w, frames, local, point, distance):
-    """Write the point at v, w of the primitive in slot ``s`` and its distance to row i."""
+    """Write the point at v, w of the primitive in slot ``s``, and its distance to query i, into row i."""
     local[i, 0] = v
     local[i, 1] = w
     square = 0.0

@@ -38,8 +38,8 @@ def conformance_cases() -> list[ConformanceCase]:
         ),
         _case("surface", "torus of a micrometre", {**_small_torus(), "periodic_v": True}, _tiny_torus, ANGLES, ANGLES),
         _case("surface", "cylinder from a callable", _cylinder(), _cylinder_points, ANGLES, (0.0, 1.0)),
-        _case("revolution", "sphere", _profile(-0.5), _sphere, ANGLES, (-0.5 * np.pi, 0.5 * np.pi)),
-        _case("revolution", "cap", _profile(0.1), _sphere, ANGLES, (0.1 * np.pi, 0.5 * np.pi)),
+        _case("revolution", "sphere", _meridian_arc(-0.5), _sphere, ANGLES, (-0.5 * np.pi, 0.5 * np.pi)),
+        _case("revolution", "cap", _meridian_arc(0.1), _sphere, ANGLES, (0.1 * np.pi, 0.5 * np.pi)),
         _case("moebius", "of half width 0.35", {}, _moebius, ANGLES, (-0.35, 0.35)),
         _case("klein", "figure eight", {}, _klein, ANGLES, ANGLES),
     ]
@@ -100,8 +100,9 @@ def _cylinder_points(u: Floats, v: Floats) -> list[Floats]:
     return [np.cos(u), np.sin(u), v]
 
 
-def _profile(lowest: float) -> dict[str, Any]:
-    return {"profile": ["cos(t)", "sin(t)"], "range": [f"{lowest}*pi", "0.5*pi"]}
+def _meridian_arc(lowest_latitude: float) -> dict[str, Any]:
+    """Return the keys of the part of a sphere above a latitude, in units of pi."""
+    return {"profile": ["cos(t)", "sin(t)"], "range": [f"{lowest_latitude}*pi", "0.5*pi"]}
 
 
 def _sphere(u: Floats, v: Floats) -> list[Floats]:

@@ -65,7 +65,7 @@ def curvatures(patches: Patches) -> Floats:
 
 
 def patch_normals(patches: Patches) -> Floats:
-    """Return (n, d) unit normals of the patches at their samples, of any sign."""
+    """Return (n, d) unit normals of the patches at their samples, of any sign; for estimates of the slope's error."""
     columns = exponents(patches.degree)
     first, second = (patches.coefficients[:, columns.index(term), None] for term in ((1, 0), (0, 1)))
     frames = patches.frames
