@@ -1,4 +1,7 @@
-"""The installed plugins: their kinds are listed from metadata, and a plugin is imported when a scene uses its kind."""
+"""The installed plugins: kinds are listed from metadata, and code is imported on use; sources and meshes read by them.
+
+A plugin is imported when a scene uses one of its kinds.
+"""
 
 from __future__ import annotations
 

@@ -117,10 +117,11 @@ def _refine(run: AdaptiveRun) -> None:
 
 
 def _takes_cubic_splines(run: AdaptiveRun, tolerance: float) -> bool:
-    """Return whether a tolerance is reached sooner with splines of a higher degree.
+    """Return whether to go on with splines of a higher degree, which reach small tolerances sooner.
 
-    This holds only where it was measured: neither a degree nor a memory is given, the equation is a Poisson equation,
-    the manifold is known exactly, and the error falls at its expected order.
+    Only where this was measured: the tolerance is below :data:`CUBIC_ERROR`, the equation is a Poisson or screened
+    Poisson equation, neither a degree, a memory nor a recipe is given, the form has a higher degree, the manifold is
+    known exactly, and the error falls at its expected order.
     """
     form = run.last.solution.discretized
     return bool(

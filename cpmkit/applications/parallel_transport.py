@@ -77,7 +77,7 @@ class LogarithmicMap:
     transported_axes: tuple[TangentField, TangentField | None]
 
     def evaluate(self, points: Any) -> Floats:
-        """Return the coordinates (n, 2) of the surface's points nearest to ``points``."""
+        """Return the coordinates (n, 2) of the surface's points nearest to ``points`` (n, 3)."""
         surface, h = self.distance.solution.scene.surface, self.distance.solution.spacing
         at = surface.closest_point(as_points(points, 3)).points
         away, length = unit(self.distance.gradient(at)), self.distance.evaluate(at)
@@ -88,12 +88,13 @@ class LogarithmicMap:
         else:
             second = second_field.evaluate(at, normalized=True)
         direction = np.stack([dots(away, axis) for axis in (first, second)], axis=1)
+        # near the point, where splines round the distance off, the direction is that of the chord
         straight = (at - self.point) @ self.axes.T
         close = (norms(at - self.point) < 2 * h) & (length < PRESCRIBED_SPACINGS * h)
         return np.asarray(length[:, None] * unit(np.where(close[:, None], straight, direction)))
 
     def vectors(self, points: Any) -> Floats:
-        """Return the logarithms (n, 3): tangent vectors at the point, as long as the shortest paths."""
+        """Return the logarithms (n, 3) of ``points`` (n, 3): tangent vectors at the point, as long as the paths."""
         return np.asarray(self.evaluate(points) @ self.axes)
 
     def __repr__(self) -> str:

@@ -339,7 +339,10 @@ class Discretized(FormValues):
         """Return the options of the discretisation as plain values, by name."""
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays by which a saved solution is recognised and rebuilt; empty where that is not possible."""
+        """Return the arrays that are saved with a solution, and by which it is recognised and rebuilt.
+
+        If they are empty, the unknowns are not saved: a saved solution is its display mesh with values alone.
+        """
         return {}
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:

@@ -46,7 +46,7 @@ class Formulas:
 
     @property
     def takes_time(self) -> bool:
-        """Whether a formula contains t."""
+        """Whether any of the formulas contains t, the time."""
         return "t" in self._program.variables
 
     def _values(self, points: Floats, **others: Any) -> Floats:

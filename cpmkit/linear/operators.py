@@ -250,7 +250,7 @@ class ComplexShift(_DerivedOperator):
 
     @property
     def symmetric(self) -> bool:
-        """Whether A and M are symmetric."""
+        """Whether A and M, and with them the complex matrix (which is not Hermitian), are symmetric."""
         return self.operator.symmetric and (self.mass is None or self.mass.symmetric)
 
     @property

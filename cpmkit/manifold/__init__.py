@@ -1,1 +1,1 @@
-"""Manifolds by closest points: sources, tangents, orientation, walks; inner products, norms, rotations of vectors."""
+"""Manifolds by closest points: sources, tangents, orientation, walks; unions of mixed dimension; vector algebra."""

@@ -186,7 +186,7 @@ def members_of(source: ClosestPointSource) -> Sequence[ClosestPointSource]:
 
 
 def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
-    """Return the row (k,) of ``x`` (n, d) of each foot within ``radius``, and these feet, for unions of sources.
+    """Return the feet within ``radius`` of the rows of ``x`` (n, d), after the row (k,) of each; unions ask members so.
 
     A source with the ability HasLocalMinima gives the feet on all sheets, any other at most the closest point of a row.
     """

@@ -36,7 +36,7 @@ class Rows:
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        """Return the records of several tables, one table after the other."""
+        """Return one table of the records of all ``parts``, in their order; a field that is None in a part is None."""
 
         def concatenate(column: list[Any]) -> Any:
             """Return the parts of one column joined; None if a part is None."""

@@ -1,1 +1,1 @@
-"""Meshes: cells, edges, rims, winding, normals, repair, subdivision, clipping, quadrature and cuts along boundaries."""
+"""Meshes: edges, rims, winding, normals, repair, subdivision, clips at knot planes, quadrature, cuts at boundaries."""

@@ -66,9 +66,10 @@ def is_zero(data: Any) -> bool:
 
 
 def takes_time(data: Any) -> bool:
-    """Return True if data, or an entry of a sequence of data, is a callable with a parameter ``t`` without a default.
+    """Return True if data depend on the time: if they, or an entry of them, have a parameter ``t`` without a default.
 
-    A ``t`` with a default is a value that the caller bound (``lambda x, t=thickness: ...``), not the time.
+    A ``t`` with a default is a value that the caller bound (``lambda x, t=thickness: ...``), not the time. For objects
+    with an attribute ``takes_time`` that is returned.
     """
     if is_sequence(data):
         return any(takes_time(entry) for entry in data)
@@ -298,7 +299,7 @@ def reaction_rates(reaction: Any, u: Floats, points: Floats, time: float, start:
             raise InputError("the reaction must be finite for the initial data, got NaN, infinity or more than 1e100.")
         raise ResolutionError(
             f"The reaction ceased to be finite at time {time:.4g}: it is taken from the step before, and the step must "
-            "be shorter than the time in which the fastest part of it acts; use a shorter step. If that puts the time "
-            "off by nothing, the equation itself has no solution beyond it."
+            "be shorter than the time in which the fastest part of it acts; use a shorter step. If a shorter step does "
+            "not move that time, the equation itself has no solution beyond it."
         )
     return np.ascontiguousarray(values)

@@ -85,7 +85,10 @@ def run_sentence(record: Record) -> str:
 
 
 def run_name(record: Record) -> str:
-    """Return the name of a record's run: its method and its parameters."""
+    """Return the name of a record's run: its method, and the parameters that a study varies.
+
+    If the run had a target (tolerance, seconds), it is named in place of the spacing that followed from it.
+    """
     target = {name: record.get(f"asked_{name}") for name in TARGETS}
     how = {**record, **target} | ({} if set(target.values()) == {None} else {"spacing": None})
     parameters = (

@@ -166,14 +166,17 @@ REACHED_GOAL_SPACINGS = 0.25
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints(Rows):
-    """Points of a surface with their normals."""
+    """Points of a surface with their normals, by which it is decided whether two of them are on one sheet."""
 
     feet: ClosestPoints  #: The surface's records of the points.
     normals: Floats  #: (n, d): unit normals of the surface there.
 
     @classmethod
     def on(cls, surface: LocalSource, points: Floats, spacing: float) -> SurfacePoints:
-        """Return ``points`` (n, d), moved to their closest points on the surface, with the normals there."""
+        """Return ``points`` (n, d), moved to their closest points on the surface, with the normals there.
+
+        Normals that the surface does not give are made by differences over half the lattice's ``spacing``.
+        """
         feet = surface.closest_point(points)
         return cls(feet, unit_normals(surface, feet, 0.5 * spacing))
 

@@ -226,7 +226,10 @@ def _ghost_diffusivity(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Fl
 
 
 def _add_log_terms(values: Floats, formula: RowFormula, log_at: Callable[[Floats], Floats]) -> Floats:
-    """Return ``values`` (n,) plus the formula's further terms, coefficient times log a, a diffusivity, there."""
+    """Return ``values`` (n,), the first terms of log a, plus ``coefficient * log a`` at the formula's further points.
+
+    a is the diffusivity; ``log_at`` returns log a (k,) at points (k, d).
+    """
     total = values.copy()
     for term in formula.terms:
         np.add.at(total, term.rows, term.coefficient * log_at(term.points))

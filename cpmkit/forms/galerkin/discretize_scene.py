@@ -141,12 +141,11 @@ def solve_for_marking(form: Galerkin) -> Floats:
 
 
 def residual_squares(form: Galerkin, u: Floats) -> Floats:
-    """Return (p,) the integrals over the patches of the square of h_l^2 times the residual of ``u`` (n, channels).
+    """Return for each patch (p,) the integral over it of the square of h_l^2 times the residual of ``u`` (n, channels).
 
-    h_l, the spacing of a patch, is in units of h. The square of each channel is divided by its integral over the
-    manifold, so that the result does not depend on the units of channels. The residual is f + div(a grad u) - c u; its
-    square is in proportion to the square of the error that the size of the patch leaves there, and indicates where the
-    error is large, not how large it is.
+    It is summed over channels. h_l, the spacing of a patch, is in units of h. Each channel's square is first divided by
+    its integral over the manifold, so that the result does not depend on the units of channels. The residual is
+    f + div(a grad u) - c u. The result indicates where the local error is large, not how large it is.
     """
     terms, points = form.scene.problem.terms(), form.points.copy()
     f = evaluate_data(terms.f, points, u.shape[1], "the right-hand side f")
@@ -158,7 +157,7 @@ def residual_squares(form: Galerkin, u: Floats) -> Floats:
         values = [evaluate_data(terms.diffusivity, points + shift, 1, "the diffusivity") for shift in (*step, *-step)]
         ahead, behind = np.split(np.concatenate(values, axis=1), 2, axis=1)
         gradient = (ahead - behind) / (2 * SLOPE_STEP_SHARE * form.spacing)
-        residual += np.einsum("pd,pcd->pc", gradient, form.gradient(u))
+        residual += np.einsum("qd,qcd->qc", gradient, form.gradient(u))
     squares = residual**2
     sums = form.point_weights @ squares
     shares = squares @ (1 / np.where(sums > 0, sums, 1.0)) * form.point_weights
@@ -170,7 +169,7 @@ def residual_squares(form: Galerkin, u: Floats) -> Floats:
 
 
 def _laplacian(form: Galerkin, u: Floats) -> Floats:
-    """Return (p, channels) Lap u at the samples: the sum of the second derivatives of u (n, channels) on tangents.
+    """Return (q, channels) Lap u at the q samples: the sum of second derivatives of u (n, channels) along tangents.
 
     It is tr(P H P), with H the Hessian of the splines, of degree 2 on a surface in space, and P the projection on
     tangents.
@@ -193,7 +192,7 @@ def _laplacian(form: Galerkin, u: Floats) -> Floats:
 
 
 def mark_patches(squares: Floats) -> Bools:
-    """Return (p,) which patches are marked: those with the largest ``squares`` that hold half the sum (Doerfler)."""
+    """Return (p,) which patches are marked: those of the largest ``squares`` (p,) with half of their sum (Doerfler)."""
     order = np.argsort(-squares, kind="stable")
     total = np.cumsum(squares[order])
     marked = np.zeros(len(squares), dtype=bool)
@@ -203,7 +202,7 @@ def mark_patches(squares: Floats) -> Bools:
 
 
 def expected_gain(form: Galerkin, squares: Floats) -> float:
-    """Return by which factor patches of adapted sizes are expected to reduce the unknowns at the same error.
+    """Return the factor by which patches of adapted sizes are expected to reduce the unknowns at the same error.
 
     With ``squares`` e_p of patches of areas w_p at size h that fall like h^(2 k), k = 3, and unknowns like h^-2, the
     fewest unknowns for one sum of squares are those at h_p^2 in proportion to (w_p / e_p)^(1 / (k + 1)): the gain is

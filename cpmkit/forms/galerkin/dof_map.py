@@ -30,8 +30,8 @@ class DofMap:
     """Patches of the manifold, and the unknowns that each reads.
 
     Lattice cells are bounded by knot planes: cell r holds the points whose nearest lattice point is r. Splines of even
-    degree p are centred at lattice points, those of odd degree half a spacing below along every axis. A cell reads the
-    p + 1 nodes from r - p // 2 on along every axis.
+    degree are centred at lattice points, those of odd degree half a spacing below along every axis. A cell reads the
+    degree + 1 nodes from r - degree // 2 on along every axis.
     """
 
     spacing: float  #: Spacing h of the lattice, in the unit of the scene.
@@ -69,14 +69,17 @@ class DofMap:
         return np.asarray(self.spacing * (self.nodes - 0.5 * (self.degree % 2)))
 
     def magnify(self, _patch: Ints, points: Floats) -> Floats:
-        """Return ``points`` (k, d), each in the patch ``patch`` (k,), on the lattice that the cells belong to.
+        """Return ``points`` (k, d), each in a given patch (k,), on the lattice that the cells belong to.
 
-        These are the points themselves, except for dof maps of several levels.
+        These are the points themselves, except in dof maps of several levels.
         """
         return points
 
     def magnification(self, _patch: Ints) -> Floats:
-        """Return the factor (k,) or (1,) by which :meth:`magnify` enlarges lengths in each patch."""
+        """Return the factor by which :meth:`magnify` enlarges lengths.
+
+        It is 1, (1,), here, and (k,) with one for each patch (k,) in dof maps of several levels.
+        """
         return np.ones(1)
 
 

@@ -218,7 +218,10 @@ class Waypoint(NamedTuple):
 
 
 def _insert_waypoints(finder: PathFinder, run: Projections, closed: bool, line: InsertionPolyline) -> list[Waypoint]:
-    """Return the vertices at the projections of a run, and record them for later curves that nearly coincide."""
+    """Return the vertices at the projections of a part ``run`` of a curve; ``finder.inserted`` records them.
+
+    Later curves that nearly coincide with this one read them there.
+    """
     waypoints = []
     places = run.positions(finder.triangulation).tolist()
     for k, (point, cell, (x, y, z)) in enumerate(zip(run.point, run.cell.tolist(), places, strict=True)):
@@ -255,7 +258,10 @@ def _insert_point(finder: PathFinder, cell: int, place: Vector, owner: int, is_e
 def _paths_through(
     finder: PathFinder, waypoints: list[Waypoint], closed: bool, counts: Counter[str]
 ) -> Iterable[list[int]]:
-    """Yield the paths through the waypoints of a run: one path, unless some waypoints are not connected."""
+    """Yield paths, lists of vertices, through the ``waypoints`` of a part of a curve: several where it has gaps.
+
+    A gap is a step between waypoints that has no path; ``counts["disconnected"]`` grows by one for each.
+    """
     path = [waypoints[0].vertex]
     for start, goal in pairwise(waypoints + waypoints[:1] if closed else waypoints):
         part = None

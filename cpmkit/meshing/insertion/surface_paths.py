@@ -99,7 +99,10 @@ class PathFinder:
         return self.constrained.insert_point(root, position_on(self.triangulation, root, nearest.shares[0]))
 
     def _planar_path(self, v: int, w: int, normal: Vector) -> list[int] | None:
-        """Return the path from v to w in planes of ``normal`` and the direction to w; None if it does not reach w."""
+        """Return the path from v to w in planes of ``normal`` and the direction to w.
+
+        None if it leaves the triangulation, meets itself, or is a long detour (:meth:`_longest`).
+        """
         net, goal = self.triangulation, self.triangulation.at(w)
         left = self._longest(v, w)
         path = [v]
@@ -162,7 +165,10 @@ class PathFinder:
         return best
 
     def path_along_boundaries(self, v: int, w: int, owners: Set[int]) -> list[int] | None:
-        """Return the path from v to w along edges of the boundaries ``owners``; None if there is no short one."""
+        """Return the vertices of the shortest path from v to w along edges of boundaries; None if it is a long detour.
+
+        ``owners`` are the numbers of the boundaries. The path includes v and w; for long, see :meth:`_longest`.
+        """
 
         def neighbours(vertex: int) -> list[int]:
             """Return the neighbours of a vertex along edges of these boundaries."""
@@ -173,7 +179,9 @@ class PathFinder:
         return self.triangulation.shortest_path(v, w, self._longest(v, w), neighbours)
 
     def path_beside_boundary(self, start: tuple[int, int], goal: tuple[int, int]) -> list[int] | None:
-        """Return a path between two vertices that runs parallel to a boundary; None if there is none.
+        """Return a path between two vertices that runs parallel to a boundary.
+
+        None if no boundary joins the vertices beside them, or a part of the path would be a long detour.
 
         ``start``, ``goal`` (int, int): a vertex of the path, and the vertex of the boundary beside it.
         """
