@@ -1,7 +1,4 @@
-"""The installed plugins: kinds are listed from metadata, and code is imported on use; sources and meshes read by them.
-
-A plugin is imported when a scene uses one of its kinds.
-"""
+"""The installed plugins: kinds are listed from metadata, code is imported on use; sources and meshes that they read."""
 
 from __future__ import annotations
 

@@ -198,7 +198,7 @@ def _check_values(tables: dict[str, Any]) -> None:
 def _entries(value: Any, where: str) -> Iterator[tuple[str, Any]]:
     """Yield the entries of a table or list, each after the words that name it in errors; none for other values.
 
-    ``where`` are the words for the value itself. Raises SceneError if a key holds a control character.
+    Raises SceneError if a key holds a control character.
     """
     if isinstance(value, dict):
         for key, entry in value.items():

@@ -76,10 +76,7 @@ class DofMap:
         return points
 
     def magnification(self, _patch: Ints) -> Floats:
-        """Return the factor by which :meth:`magnify` enlarges lengths.
-
-        It is 1, (1,), here, and (k,) with one for each patch (k,) in dof maps of several levels.
-        """
+        """Return the factor by which :meth:`magnify` enlarges lengths: 1 as (1,), (k,) in dof maps of levels."""
         return np.ones(1)
 
 

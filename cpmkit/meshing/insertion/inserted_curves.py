@@ -218,10 +218,7 @@ class Waypoint(NamedTuple):
 
 
 def _insert_waypoints(finder: PathFinder, run: Projections, closed: bool, line: InsertionPolyline) -> list[Waypoint]:
-    """Return the vertices at the projections of a part ``run`` of a curve; ``finder.inserted`` records them.
-
-    Later curves that nearly coincide with this one read them there.
-    """
+    """Return the vertices at the projections of a part ``run`` of a curve; ``finder.inserted`` records them."""
     waypoints = []
     places = run.positions(finder.triangulation).tolist()
     for k, (point, cell, (x, y, z)) in enumerate(zip(run.point, run.cell.tolist(), places, strict=True)):

@@ -99,10 +99,7 @@ class PathFinder:
         return self.constrained.insert_point(root, position_on(self.triangulation, root, nearest.shares[0]))
 
     def _planar_path(self, v: int, w: int, normal: Vector) -> list[int] | None:
-        """Return the path from v to w in planes of ``normal`` and the direction to w.
-
-        None if it leaves the triangulation, meets itself, or is a long detour (:meth:`_longest`).
-        """
+        """Return the path from v to w in planes of ``normal`` and the direction to w; None if too long or cut off."""
         net, goal = self.triangulation, self.triangulation.at(w)
         left = self._longest(v, w)
         path = [v]
@@ -179,9 +176,7 @@ class PathFinder:
         return self.triangulation.shortest_path(v, w, self._longest(v, w), neighbours)
 
     def path_beside_boundary(self, start: tuple[int, int], goal: tuple[int, int]) -> list[int] | None:
-        """Return a path between two vertices that runs parallel to a boundary.
-
-        None if no boundary joins the vertices beside them, or a part of the path would be a long detour.
+        """Return a path between two vertices that runs parallel to a boundary; None if it would be a long detour.
 
         ``start``, ``goal`` (int, int): a vertex of the path, and the vertex of the boundary beside it.
         """

@@ -185,10 +185,7 @@ def _clip_segments(cells: Ints, crossings: Ints, inside: Bools) -> Ints:
 
 
 def _clip_triangles(cells: Ints, crossings: Ints, inside: Bools) -> Ints:
-    """Return whole triangles, corners where one vertex is inside, and halves of the quadrangles where two are.
-
-    ``crossings`` (m, 3) are the new vertices on the edges of each triangle, -1 for none.
-    """
+    """Return whole triangles, corners where one vertex is inside, and halves of the quadrangles where two are."""
     count = inside.sum(axis=1)
     single, pair = count == 1, count == 2
     (a, _, _), (ab, _, ca) = rotate_triangles(cells[single], crossings[single], inside[single].argmax(axis=1))

@@ -127,7 +127,7 @@ class RimPart:
 
 
 def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
-    """Return the parts of the rim without the facets ``besides`` (b, m), on boundaries; none if the mesh is closed.
+    """Return the parts of the rim without the facets ``besides`` (b, corners); none if the mesh is closed.
 
     Raises
     ------
@@ -144,14 +144,11 @@ def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
 
 
 def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
-    """Return the facets (e, c) that only one cell has, except ``besides`` (b, m), and the corner (e,) opposite each.
-
-    m is the dimension of the manifold.
-    """
+    """Return the facets (e, c) of one cell, except ``besides`` (b, corners), and the corner (e,) opposite each."""
     facets, count, opposite = mesh.facets
-    m, size = mesh.manifold_dim, len(mesh.nodes)
-    powers = size ** np.arange(m)
-    rim = (count == 1) & ~np.isin(np.sort(facets[:, :m], axis=1) @ powers, np.sort(besides, axis=1) @ powers)
+    k, size = mesh.manifold_dim, len(mesh.nodes)
+    powers = size ** np.arange(k)
+    rim = (count == 1) & ~np.isin(np.sort(facets[:, :k], axis=1) @ powers, np.sort(besides, axis=1) @ powers)
     return facets[rim], opposite[rim]
 
 
@@ -171,10 +168,7 @@ def _one_sided(condition: Condition) -> OneSided:
 
 
 def outside(nodes: Floats, facets: Ints, opposite: Ints) -> Floats:
-    """Return points (e, d) a little outside of ``facets`` of the rim: their closest points lie on the rim.
-
-    The middles of the facets may have closest points inside. ``opposite`` (e,) are the corners opposite the facets.
-    """
+    """Return points (e, d) a little outside of the rim: their closest points lie on it; those of chords may not."""
     if facets.shape[1] == 1:
         end = nodes[facets[:, 0]]
         return np.ascontiguousarray(end + OUTSIDE_EDGE_SHARE * (end - nodes[opposite]))

@@ -110,10 +110,7 @@ class GridField:
 
 
 def _derivative(table: Floats, orders: tuple[int, ...]) -> Floats:
-    """Return (n,) the derivative of these orders in each coordinate, in units of the grid.
-
-    ``table`` is that of :meth:`GridField._derivatives`.
-    """
+    """Return (n,) the derivative of these orders in each coordinate, from the ``table`` of GridField._derivatives."""
     derivative: Floats = table[:, *orders]
     return derivative
 

@@ -149,10 +149,7 @@ class SplineSpace:
         return matrix
 
     def means_at_unknowns(self, values: Floats) -> Floats:
-        """Return the mean (n,) of ``values`` (q,) over the samples in the patches that read each unknown.
-
-        ``values`` may be (1,), a constant.
-        """
+        """Return the mean (n,) of ``values`` (q,) or of a constant (1,) over the samples of each unknown's patches."""
         if len(values) == 1:
             return np.full(self.dof_map.size, values[0])
         patches, unknowns = len(self.dof_map.cells), self.dof_map.unknowns
