@@ -189,21 +189,11 @@ def prepare(
 ) -> Prepared[Family]: ...
 @overload
 def prepare(
-    scene: Scene[Family],
-    spacing: float | None = None,
-    *,
-    backend: str,
-    progress: ShownProgress = None,
-    **options: Any,
+    scene: Scene[Family], spacing: float | None = None, *, backend: str, progress: ShownProgress = None, **options: Any
 ) -> Prepared[Family]: ...
 @document_options(Options, *FORMS.values(), SolverOptions)
 def prepare(
-    scene: Scene,
-    spacing: float | None = None,
-    *,
-    backend: str = "cpm",
-    progress: ShownProgress = None,
-    **options: Any,
+    scene: Scene, spacing: float | None = None, *, backend: str = "cpm", progress: ShownProgress = None, **options: Any
 ) -> Prepared[Any]:
     """Return a scene discretised once, for the solution of many equations and right-hand sides.
 

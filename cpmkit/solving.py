@@ -44,12 +44,7 @@ def solve(
 def solve(scene: Scene[Any], spacing: float | None = None, *, backend: str, **options: Any) -> Solution: ...
 @document_options(AccuracyTarget, Options, *FORMS.values(), SolverOptions, Checkpointing)
 def solve(
-    scene: Scene,
-    spacing: float | None = None,
-    *,
-    backend: str = "cpm",
-    progress: ShownProgress = None,
-    **options: Any,
+    scene: Scene, spacing: float | None = None, *, backend: str = "cpm", progress: ShownProgress = None, **options: Any
 ) -> Solution:
     """Solve a scene on a lattice, or with another back end.
 

@@ -297,11 +297,7 @@ class Discretized(FormValues):
         return ()
 
     def diagnosis(
-        self,
-        coarser: Discretized | None = None,
-        ratio: float = 2.0,
-        difference: float = 0.0,
-        eigenvalues: bool = False,
+        self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
     ) -> Diagnosis:
         """Return the order of the error, reasons for slow convergence, and the share that the lattice does not resolve.
 

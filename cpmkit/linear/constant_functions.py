@@ -81,12 +81,7 @@ class ConstantFunctions:
         return cls(functions, operator.apply(functions), sizes, pieces)
 
     def solve(
-        self,
-        prepared: PreparedSolver,
-        b: Any,
-        tolerance: float,
-        guess: Any = None,
-        progress: Progress = no_progress,
+        self, prepared: PreparedSolver, b: Any, tolerance: float, guess: Any = None, progress: Progress = no_progress
     ) -> tuple[Any, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report whose residual is relative to ``b - A K c``.
 

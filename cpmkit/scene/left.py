@@ -12,11 +12,7 @@ from cpmkit.grid.lattice import cell_levels
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.orientation import AS_GIVEN, Orientation, propagate_signs
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.tangent_space import (
-    left_conormals,
-    tangents_and_corners,
-    unit_tangents,
-)
+from cpmkit.manifold.tangent_space import left_conormals, tangents_and_corners, unit_tangents
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.types import Bools, Floats, Ints
 

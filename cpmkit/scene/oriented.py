@@ -11,12 +11,7 @@ from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.orientation import AS_GIVEN, Orientation
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
-from cpmkit.manifold.tangent_space import (
-    left_conormals,
-    outward_conormals,
-    unit_normals,
-    unit_tangents,
-)
+from cpmkit.manifold.tangent_space import left_conormals, outward_conormals, unit_normals, unit_tangents
 from cpmkit.manifold.vector_algebra import dots, unit
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import same_condition, sides_differ

@@ -22,15 +22,7 @@ from cpmkit.manifold.abilities import (
     members_of,
 )
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
-from cpmkit.testing.queries import (
-    ROUND_OFF_SHARE,
-    Subject,
-    certain,
-    law,
-    require,
-    require_refusal,
-    require_rows,
-)
+from cpmkit.testing.queries import ROUND_OFF_SHARE, Subject, certain, law, require, require_refusal, require_rows
 from cpmkit.types import Floats, Ints
 
 #: Step across or along the manifold by which normals and tangents are checked, relative to the size.

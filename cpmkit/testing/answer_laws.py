@@ -8,15 +8,7 @@ import numpy as np
 
 from cpmkit.manifold.abilities import edge_limit_of
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
-from cpmkit.testing.queries import (
-    Subject,
-    certain,
-    law,
-    require,
-    require_refusal,
-    require_rows,
-    symmetric_points,
-)
+from cpmkit.testing.queries import Subject, certain, law, require, require_refusal, require_rows, symmetric_points
 from cpmkit.types import Floats
 
 

@@ -12,10 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.collocation.facing_rims import (
-    find_narrowest_gap,
-    find_rim_strips,
-)
+from cpmkit.forms.collocation.facing_rims import find_narrowest_gap, find_rim_strips
 from cpmkit.forms.collocation.ghosts.ghost_geometry import SIDE_READING_SPACINGS, node_sources
 from cpmkit.forms.collocation.ghosts.ghosts import Ghosts, build_ghosts
 from cpmkit.forms.collocation.ghosts.nodes_past_edge import read_past_edge, separated_from_mirrors
@@ -24,11 +21,7 @@ from cpmkit.forms.collocation.row_formula import RowFormula
 from cpmkit.forms.collocation.selection import Unknowns
 from cpmkit.forms.collocation.side_view import BoundariesOnBand, put_on_lattice
 from cpmkit.forms.collocation.twins import separate_sheets
-from cpmkit.forms.collocation.unresolved_places import (
-    UnresolvedPlace,
-    find_meetings,
-    find_mixed_sides,
-)
+from cpmkit.forms.collocation.unresolved_places import UnresolvedPlace, find_meetings, find_mixed_sides
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import Band, build_band
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, Lattice, lattice_of

@@ -274,11 +274,7 @@ class Collocation(Reader):
         return bool(sharp_bends(self.tables.layout, self.tables.layout.lattice.spacing))
 
     def diagnosis(
-        self,
-        coarser: Discretized | None = None,
-        ratio: float = 2.0,
-        difference: float = 0.0,
-        eigenvalues: bool = False,
+        self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
     ) -> Diagnosis:
         """Return what is known of the error: its order, reasons for a lower order, and nodes that have twins.
 

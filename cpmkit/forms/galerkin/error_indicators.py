@@ -46,12 +46,7 @@ LEAST_DOUBT, DOUBT_PER_SHARE, PILLOW_FACTOR, PILLOW_SHARE = 0.1, 3.0, 2.5, 0.05
 
 
 def difference_order(
-    resolution: Resolution,
-    degree: int,
-    ratio: float,
-    coarser: Resolution | None,
-    difference: float,
-    eigenvalues: bool,
+    resolution: Resolution, degree: int, ratio: float, coarser: Resolution | None, difference: float, eigenvalues: bool
 ) -> float:
     """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error, at a ``ratio`` r of spacings.
 

@@ -289,11 +289,7 @@ class Galerkin(EquationAssembly, Discretized):
         )
 
     def diagnosis(
-        self,
-        coarser: Discretized | None = None,
-        ratio: float = 2.0,
-        difference: float = 0.0,
-        eigenvalues: bool = False,
+        self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
     ) -> Diagnosis:
         """Return the order by which a difference estimates the error, why it may fall slowly, and the unresolved share.
 

@@ -12,14 +12,7 @@ import numpy as np
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, uses_threads
 from cpmkit.linear.direct import factorize_matrix, factorize_symmetric
 from cpmkit.linear.krylov import dots
-from cpmkit.linear.multigrid.smoothers import (
-    MAX_BLOCK_UNKNOWNS,
-    Chebyshev,
-    GaussSeidel,
-    Schwarz,
-    Smoother,
-    WithStrip,
-)
+from cpmkit.linear.multigrid.smoothers import MAX_BLOCK_UNKNOWNS, Chebyshev, GaussSeidel, Schwarz, Smoother, WithStrip
 from cpmkit.linear.operators import with_diagonal
 from cpmkit.linear.residuals import IndefiniteError
 from cpmkit.runtime.memory import release_memory

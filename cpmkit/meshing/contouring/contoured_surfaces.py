@@ -10,26 +10,11 @@ from cpmkit.errors import ResolutionError
 from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.meshing.contouring.contour_checks import (
-    COMPONENT_WEIGHT,
-    MeshDefects,
-    find_defects,
-    restore_creases,
-)
-from cpmkit.meshing.contouring.contour_edges import (
-    components_with_areas,
-    edge_table,
-    remove_small_components,
-)
+from cpmkit.meshing.contouring.contour_checks import COMPONENT_WEIGHT, MeshDefects, find_defects, restore_creases
+from cpmkit.meshing.contouring.contour_edges import components_with_areas, edge_table, remove_small_components
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes, lattice_nodes
 from cpmkit.meshing.contouring.contour_repair import collapse_short_edges, fill_holes, remove_flaps, separate_sheets
-from cpmkit.meshing.contouring.contour_rims import (
-    RimTest,
-    move_to_rims,
-    remove_bridges,
-    remove_folds,
-    weld_rim_corners,
-)
+from cpmkit.meshing.contouring.contour_rims import RimTest, move_to_rims, remove_bridges, remove_folds, weld_rim_corners
 from cpmkit.meshing.contouring.dual_vertices import dual_triangles, dual_vertices
 from cpmkit.meshing.contouring.edge_crossings import edge_crossings
 from cpmkit.types import Floats, Ints

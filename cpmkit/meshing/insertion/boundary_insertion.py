@@ -13,11 +13,7 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, in_three_dimensions, norms
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import Polyline
-from cpmkit.meshing.insertion.constrained_triangulation import (
-    MOVABLE_SNAP_SHARE,
-    SNAP_SHARE,
-    ConstrainedTriangulation,
-)
+from cpmkit.meshing.insertion.constrained_triangulation import MOVABLE_SNAP_SHARE, SNAP_SHARE, ConstrainedTriangulation
 from cpmkit.meshing.insertion.curve_tips import extend_tips, join_stray_tips
 from cpmkit.meshing.insertion.inserted_curves import InsertionPolyline, insert_curve, refine_curve, simplify_curve
 from cpmkit.meshing.insertion.parallel_curves import (

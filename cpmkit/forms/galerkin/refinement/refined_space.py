@@ -18,11 +18,7 @@ import numpy as np
 from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.dof_map import DofMap, build_patches
 from cpmkit.forms.galerkin.options import Stabilisation
-from cpmkit.forms.galerkin.refinement.hierarchical_splines import (
-    LevelSplines,
-    prolongation_to,
-    representations,
-)
+from cpmkit.forms.galerkin.refinement.hierarchical_splines import LevelSplines, prolongation_to, representations
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, shift_of
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples

@@ -116,14 +116,7 @@ def gather_coefficients(unknowns: Ints, u: Floats, of_patch: Floats) -> None:
 
 @compiled
 def add_load(
-    unknowns: Ints,
-    patch: Any,
-    splines: Any,
-    third: Any,
-    places: Any,
-    weights: Floats,
-    f: Floats,
-    load: Floats,
+    unknowns: Ints, patch: Any, splines: Any, third: Any, places: Any, weights: Floats, f: Floats, load: Floats
 ) -> None:
     """Add sum_q weights[q] f[q] N_j(y_q) to each row j of ``load`` (n, channels), for the splines N_j.
 
