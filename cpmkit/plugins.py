@@ -16,7 +16,7 @@ import pluggy
 from cpmkit import hookspecs
 from cpmkit.errors import PluginError, SceneError, shown
 from cpmkit.files.whole_files import find_file
-from cpmkit.runtime.messages import COMBINATIONS, PLUGIN_FAMILIES, did_you_mean, install_command
+from cpmkit.runtime.messages import COMBINATIONS, FORM_NAMES, PLUGIN_FAMILIES, did_you_mean, install_command
 from cpmkit.runtime.options import check_key_types
 
 if TYPE_CHECKING:
@@ -61,6 +61,8 @@ def _unknown_kind_message(kind: str) -> str:
     """Return the error message about a kind that no plugin provides, with suggestions."""
     kinds = [installed.kind for installed in installed_kinds()]
     missing = f"No plugin provides the kind {shown(kind)}"
+    if kind in FORM_NAMES:
+        return f"{missing}; it is a form: use form={kind!r}."
     last_words = {name.rpartition(".")[2]: name for name in kinds}
     meant = did_you_mean(kind, kinds) or did_you_mean(kind, last_words)
     if "." not in kind and meant and kind not in COMBINATIONS:

@@ -14,7 +14,7 @@ from cpmkit.linear.preconditioned import JacobiOrMultigrid, JacobiSolver
 from cpmkit.linear.protocols import LinearSolver
 from cpmkit.plugins import call, factory, installed_kinds
 from cpmkit.runtime.arrays import positive, whole
-from cpmkit.runtime.messages import did_you_mean
+from cpmkit.runtime.messages import FORM_NAMES, did_you_mean
 from cpmkit.runtime.options import DeclaredOptions, declared_options, option
 
 #: Up to this many unknowns, by dimension of the manifold, the direct solver is faster than the reference solver.
@@ -139,7 +139,9 @@ def _check_further(solver: Any, further: Mapping[str, Any], others: Iterable[str
     accepted = SOLVER_OPTIONS.get(solver) if isinstance(solver, str) else None
     unknown = [] if accepted is None else [key for key in further if key not in accepted]
     if accepted is not None and unknown:
-        hint = did_you_mean(unknown[0], (*accepted, *others))
+        value = further[unknown[0]]
+        is_form = isinstance(value, str) and value in FORM_NAMES
+        hint = f" (did you mean form={value!r}?)" if is_form else did_you_mean(unknown[0], (*accepted, *others))
         raise InputError(
             f"the solver {solver!r} has no option {unknown[0]!r}{hint}; accepted are {', '.join(accepted) or 'none'}."
         )

@@ -42,7 +42,7 @@ def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> l
         f"Members {lower} ({words[0]}) and {higher} ({words[1]}) of the union {meets} near {place(point)}{more}: no "
         "law of the equation holds where parts of different dimension meet, and what flows from one to the other is "
         "decided by the spacing; the solution is right only if nothing flows there, and its error has no estimate; "
-        "solve the parts apart, each with a condition at the joint."
+        "solve the parts separately: a curve with a value at its end, a surface without, or with it on a small circle."
     ]
 
 

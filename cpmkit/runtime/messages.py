@@ -41,6 +41,8 @@ def html_table(title: str, rows: Iterable[tuple[str, str]], picture: bytes | Non
 PLUGIN_FAMILIES = ("analytic", "combinations", "fem", "levelset", "mesh", "parametric", "pointcloud", "svg")
 #: First words of the kinds of the plugin ``combinations``, whose names do not begin with its own.
 COMBINATIONS = ("cut", "moved", "points", "solid", "trimmed", "tube", "union")
+#: Values of the option ``form``, which are easily given to another option.
+FORM_NAMES = ("collocation", "galerkin")
 
 
 def install_command(extra: str) -> str:

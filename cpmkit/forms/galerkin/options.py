@@ -10,7 +10,8 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.forms.options import Options
-from cpmkit.manifold.abilities import has_finite_feet
+from cpmkit.manifold.abilities import has_finite_feet, members_of
+from cpmkit.manifold.local_source import largest_dim
 from cpmkit.mesh.cell_quadrature import SAMPLINGS
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.options import DeclaredOptions, one_of, option
@@ -146,9 +147,11 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
             "form='collocation'."
         )
     if surface.manifold_dim not in range(1, surface.dim):
+        dims = sorted({largest_dim(member) for member in members_of(surface)})
+        kind = "manifold of dimension" if len(dims) == 1 else "union of the dimensions"
         raise SceneError(
-            f"the form {options.form!r} takes curves and surfaces of one dimension, got a manifold of dimension "
-            f"{surface.manifold_dim} in {surface.dim}D; use form='collocation'."
+            f"the form {options.form!r} takes curves and surfaces of one dimension, got a {kind} "
+            f"{' and '.join(map(str, dims))} in {surface.dim}D; use form='collocation'."
         )
     if has_finite_feet(surface):
         raise SceneError(

@@ -78,10 +78,14 @@ class Union:
             If ``x`` holds NaN or infinity, its shape is not (n, d), or a member numbers an edge beyond its limit.
         """
         x = as_points(x, self.dim)
+        # An end that lies in another member is as near as this member, up to rounding, and is no edge there.
+        tie = 1e-12 * np.abs(self.bounds).max()
         best = self._of_member(0, self.members[0].closest_point(x))
         for number, member in enumerate(self.members[1:], 1):
             feet = self._of_member(number, member.closest_point(x))
-            nearer = np.flatnonzero(feet.distance < best.distance)
+            level = np.abs(feet.distance - best.distance) <= tie
+            one_at_edge = (feet.edge >= 0) != (best.edge >= 0)
+            nearer = np.flatnonzero(np.where(level & one_at_edge, best.edge >= 0, feet.distance < best.distance))
             best = best.replace_rows(nearer, feet.take(nearer))
         return best
 

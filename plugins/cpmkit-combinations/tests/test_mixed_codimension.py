@@ -205,3 +205,14 @@ def test_a_union_of_one_is_that_one():
         for surface in (alone, ck.source("union", members=[alone]))
     )
     assert np.abs(one - other).max() < 1e-8
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_an_end_in_another_member_is_no_edge_of_the_union(order):
+    rod = ck.source("analytic.segment", start=[1, 0, 0], end=[3, 0, 0])
+    union = ck.source("union", members=[ck.source("analytic.sphere"), rod][::order])
+    inside = np.random.default_rng(0).uniform(0.05, 0.95, 200)[:, None] * [1, 0, 0]
+    assert (union.closest_point(inside).edge == -1).all()
+    free = 1001 if order == 1 else 1
+    assert union.closest_point([[3.1, 0, 0]]).edge.tolist() == [free]
+    ck.solve(ck.Scene(union, ck.ScreenedPoisson(1.0), edge={free: ck.Dirichlet(1.0)}), spacing=0.3)

@@ -186,8 +186,16 @@ def test_forms_are_chosen_with_a_reason():
     with pytest.raises(ck.InputError, match="degree must be 1, 2 or 3 in the form 'galerkin', got 4; form="):
         solve(SCREENED, 0.3, degree=4)
     ball = ck.source("analytic.box", lower=[0, 0, 0], upper=[1, 1, 1])
-    with pytest.raises(ck.SceneError, match="takes curves and surfaces of one dimension"):
+    with pytest.raises(ck.SceneError, match="of one dimension, got a manifold of dimension 3 in 3D; use"):
         solve(ck.Scene(ball, ck.ScreenedPoisson(1.0)), 0.3)
+    rod = ck.source("analytic.segment", start=[1, 0, 0], end=[2, 0, 0])
+    union = ck.source("union", members=[ck.source("analytic.sphere"), rod])
+    with pytest.raises(ck.SceneError, match="got a union of the dimensions 1 and 2 in 3D; use form='collocation'"):
+        solve(ck.Scene(union, ck.ScreenedPoisson(1.0)), 0.3)
+    with pytest.raises(ck.InputError, match=r"no option 'method' \(did you mean form='galerkin'\?\)"):
+        ck.solve(SCREENED, 0.3, method="galerkin")
+    with pytest.raises(ck.PluginError, match="kind 'collocation'; it is a form: use form='collocation'"):
+        ck.solve(SCREENED, 0.3, backend="collocation")
     with pytest.raises(ck.InputError, match="points must lie within 3 spacings"):
         solve(SCREENED, 0.3).evaluate([[3.0, 0, 0]])
 
