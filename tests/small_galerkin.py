@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
 from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms
-from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions, needs_rims
+from cpmkit.forms.galerkin.conditions.imposed_conditions import imposed_conditions, needs_rims
 from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.options import STABILISATIONS
 from cpmkit.forms.galerkin.space.energy import load, stiffness_with_floor
@@ -76,7 +76,7 @@ def small(scene, mesh, spacing, origin=None, points=None):
         derivative_rows(dof_map, dof_map.patch[q:], border.points, border.conormals),
     )
     left = left_of_boundaries(mesh, half, corners, border, [scene.oriented(one) for one in scene.boundaries], lattice)
-    laws, terms = impose_conditions(scene, border, left, surface, lattice), scene.problem.terms()
+    laws, terms = imposed_conditions(scene, border, left, surface, lattice), scene.problem.terms()
     where = lattice.to_scene(np.concatenate([inner.points, border.points - 1e-6 * spacing * border.conormals]))
     a, c, f = (
         evaluate_data(data, where, k, "data")

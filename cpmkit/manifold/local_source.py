@@ -204,11 +204,11 @@ def with_noise(source: LocalSource, spacing: float) -> LocalSource:
     queries = around + rng.uniform(-0.5, 0.5, around.shape) * spacing
     feet = source.closest_point(queries).points
 
-    def along(share: float) -> Floats:
+    def feet_at(share: float) -> Floats:
         """Return the feet (n, d) of the points at ``share`` of the way from the feet to the queries."""
         return source.closest_point(feet + share * (queries - feet)).points
 
-    third = feet - 3 * along(0.75) + 3 * along(0.5) - along(0.25)
+    third = feet - 3 * feet_at(0.75) + 3 * feet_at(0.5) - feet_at(0.25)
     variances = (third * third).mean(axis=1) / 20.0  # of 1 + 9 + 9 + 1 independent errors
     noise = float(np.sqrt(np.median(variances)))
     return replace(source, noise=noise if noise > 1e-10 * spacing else 0.0)  # else rounding

@@ -1,1 +1,1 @@
-"""The manifold as a mesh with the boundaries as its edges: contouring, insertion, curved cells, untangling, cuts."""
+"""The manifold as a mesh with the boundaries as its edges: contouring, insertion, curved cells, untangling."""

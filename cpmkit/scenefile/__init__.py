@@ -1,1 +1,1 @@
-"""Scene files: TOML, its schema, the kinds that it can name, and the examples."""
+"""Scene files: TOML, its schema, the kinds that it can name, the options of pictures, and the examples."""

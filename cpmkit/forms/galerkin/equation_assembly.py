@@ -114,17 +114,21 @@ class EquationAssembly:
         that penalties are proportional to, by default ``a``.
         """
         sampled, space, diffusivity, along = self.coefficients.sampled, self.coefficients.space, terms.diffusivity, None
-        logarithms = np.zeros(len(space.areas))
+        logarithms = np.zeros(len(space.spline_integrals))
         patch = space.dof_map.patch[sampled.interior :]
         if a is not None:
             means = scalar_coefficient(space.splines, a)
             varies = means.min() < means.max()
-            logarithms = space.spline_loads(np.log(means)[:, None])[:, 0] if varies else np.log(means[0]) * space.areas
+            logarithms = (
+                space.spline_loads(np.log(means)[:, None])[:, 0]
+                if varies
+                else np.log(means[0]) * space.spline_integrals
+            )
             if a.ndim == 3:
                 along = partial(space.spline_derivative_rows, patch, sampled.boundary.points)
         depends_on_u = isinstance(diffusivity, StateDependentCoefficient)
         data = self.coefficients.beside_boundaries(diffusivity) if depends_on_u else diffusivity
-        samples = sampled.boundary, sampled.left, self.coefficients.boundary_rows, space.areas
+        samples = sampled.boundary, sampled.left, self.coefficients.boundary_rows, space.spline_integrals
         spacings = space.spacing / space.dof_map.magnification(patch)
         made = condition_terms(self.conditions, *samples, data, logarithms, sampled.lattice, along, spacings)
         if terms.velocity is not None:

@@ -18,7 +18,7 @@ from cpmkit.forms.contract import Discretized, spread_rows
 from cpmkit.forms.form_records import Diagnosis, ExpectedError, FormTraits, StateFlux
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.boundary_sides import side_moments
-from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions
+from cpmkit.forms.galerkin.conditions.imposed_conditions import imposed_conditions
 from cpmkit.forms.galerkin.equation_assembly import EquationAssembly
 from cpmkit.forms.galerkin.error_indicators import (
     difference_order,
@@ -116,7 +116,7 @@ class Galerkin(EquationAssembly, Discretized):
                 "what a conservative velocity carries out through the edge is read at samples there, which this scene "
                 "was prepared without; prepare it with this problem."
             )
-        conditions = impose_conditions(scene, sampled.boundary, sampled.left, sampled.surface, sampled.lattice)
+        conditions = imposed_conditions(scene, sampled.boundary, sampled.left, sampled.surface, sampled.lattice)
         return replace(self, scene=scene, conditions=conditions)
 
     @property
@@ -225,11 +225,11 @@ class Galerkin(EquationAssembly, Discretized):
         u = self.space.solve_projection(loads)
         if not in_range:
             return u
-        off, areas = np.abs(self.at_points(u) - values).max(axis=0, initial=0.0), self.space.areas
+        off, integrals = np.abs(self.at_points(u) - values).max(axis=0, initial=0.0), self.space.spline_integrals
         rough = off > UNRESOLVED_SHARE * np.ptp(values, axis=0)
-        seen = np.flatnonzero(areas > 0)
+        seen = np.flatnonzero(integrals > 0)
         u[self.space.spline_count :, rough] = 0.0
-        u[np.ix_(seen, rough)] = loads[np.ix_(seen, rough)] / areas[seen, None]
+        u[np.ix_(seen, rough)] = loads[np.ix_(seen, rough)] / integrals[seen, None]
         return u
 
     def inner(self, u: Floats, v: Floats) -> Floats:

@@ -13,7 +13,7 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, b
 from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     ImposedCondition,
-    impose_conditions,
+    imposed_conditions,
     needs_rims,
     point_warnings,
 )
@@ -130,7 +130,7 @@ def sample_inserted(
 ) -> SampledScene:
     """Return the samples of a scene whose boundaries are inserted, with smaller cells in ``regions``.
 
-    Raises InputError or SceneError if a condition cannot be imposed, see :func:`impose_conditions`.
+    Raises InputError or SceneError if a condition cannot be imposed, see :func:`imposed_conditions`.
     """
     spacing, sampling, geometry = options.spacing, options.own.sampling, inserted.geometry
     lattice, surface, oriented, warnings = inserted.lattice, inserted.surface, inserted.oriented, inserted.warnings
@@ -148,7 +148,7 @@ def sample_inserted(
     flows_out = terms.conservative and terms.velocity is not None  # what leaves through rims is read at samples
     boundary = boundary_samples(mesh, half, corners, needs_rims(scene) or flows_out, inserted.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
-    conditions = impose_conditions(scene, boundary, left, surface, lattice)
+    conditions = imposed_conditions(scene, boundary, left, surface, lattice)
     singular: tuple[SingularFunction, ...] = ()
     if has_singular_functions:
         singular, tip_warnings = singular_functions(mesh, boundary, conditions, lattice)

@@ -187,9 +187,9 @@ def _connected_groups(
 def _least_squares_vertices(
     nodes: LatticeNodes, cells: Ints, crossings: Crossings, member: Ints, piece: Ints
 ) -> tuple[Floats, Floats]:
-    """Return points (v, 3) nearest to the tangent planes of the crossings of each group, and unit normals (v, 3) there.
+    """Return points (v, 3) nearest to the tangent planes of the crossings of each group, and unit normals (v, 3).
 
-    Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
+    Normals have either sign. Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
     their cell by more than a tenth of its side are clipped.
 
     ``cells`` (v,): the code of the cell of each group.

@@ -15,7 +15,7 @@ from cpmkit.meshing.insertion.split_triangulation import (
     dot,
     edge_key,
     interpolate,
-    nearest_share,
+    nearest_share_on_segment,
     norm,
     subtract,
 )
@@ -59,7 +59,7 @@ class ConstrainedTriangulation:
         size = float(net.sizes[root])
         farthest = max(SNAP_SHARE, MOVABLE_SNAP_SHARE, RIM_SNAP_SHARE) * size
         for a, b in self._candidate_edges(root, cell):
-            share = nearest_share(place, net.at(a), net.at(b))
+            share = nearest_share_on_segment(place, net.at(a), net.at(b))
             gap = distance(place, interpolate(net.at(a), net.at(b), share))
             if gap < farthest:
                 edge = self.edges.get(edge_key(a, b))
@@ -92,7 +92,7 @@ class ConstrainedTriangulation:
         for a, b in self.edges_within([self._part_with(root, place)], place, 0.1 * size):
             edge = self.edges.get(edge_key(a, b))
             if edge is not None and edge.owner == owner:
-                share = nearest_share(place, net.at(a), net.at(b))
+                share = nearest_share_on_segment(place, net.at(a), net.at(b))
                 gaps[distance(place, interpolate(net.at(a), net.at(b), share))] = (a, b, share)
         return self.insert_on_edge(*gaps[min(gaps)], size) if gaps else None
 
@@ -147,7 +147,7 @@ class ConstrainedTriangulation:
         waiting, seen, edges = list(cells), set(cells), set[Edge]()
         while waiting:
             for p, q in _edges(net.corners(waiting.pop())):
-                nearest_point = interpolate(net.at(p), net.at(q), nearest_share(place, net.at(p), net.at(q)))
+                nearest_point = interpolate(net.at(p), net.at(q), nearest_share_on_segment(place, net.at(p), net.at(q)))
                 if distance(place, nearest_point) < reach and edge_key(p, q) not in edges:
                     edges.add(edge_key(p, q))
                     fresh = set(net.cells_of_edge(p, q)) - seen

@@ -14,7 +14,7 @@ from cpmkit.meshing.insertion.split_triangulation import (
     distance,
     edge_key,
     interpolate,
-    nearest_share,
+    nearest_share_on_segment,
     norm,
     normalize,
     subtract,
@@ -98,7 +98,7 @@ def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
     best, nearest = None, reach
     for a, b in constrained.edges_within(net.fan(tip), here, reach):
         if not own_end & {a, b} and (edge_key(a, b) in constrained.edges or net.is_rim_edge(a, b)):
-            share = nearest_share(here, net.at(a), net.at(b))
+            share = nearest_share_on_segment(here, net.at(a), net.at(b))
             gap = distance(here, interpolate(net.at(a), net.at(b), share))
             if gap < nearest:
                 best, nearest = (a, b, share), gap

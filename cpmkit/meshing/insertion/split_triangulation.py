@@ -62,7 +62,7 @@ def normalize(a: Vector) -> Vector:
     return (a[0] / size, a[1] / size, a[2] / size) if size > 0 else a
 
 
-def nearest_share(p: Vector, a: Vector, b: Vector) -> float:
+def nearest_share_on_segment(p: Vector, a: Vector, b: Vector) -> float:
     """Return the share, from 0 to 1, of the way from a to b of the point nearest to p."""
     way = subtract(b, a)
     square = dot(way, way)

@@ -73,7 +73,7 @@ def follow_normals(tree: BoxTree, field: InterpolatedNormals, x: Floats, nearest
     doubtful = np.empty(len(x), dtype=np.bool_)
     mesh = (tree.frames, field.normals, field.neighbours)
     arrays = (field.tiny, mesh, field.rim, nearest.slot, nearest.local, nearest.point, nearest.distance, doubtful)
-    run_parcels(lambda start, stop: interpolated_normals_kernels.follow(x, start, stop, *arrays), len(x))
+    run_parcels(lambda start, stop: interpolated_normals_kernels.follow_normals(x, start, stop, *arrays), len(x))
     return doubtful
 
 

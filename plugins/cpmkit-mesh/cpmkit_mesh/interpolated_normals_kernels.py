@@ -23,14 +23,14 @@ FARTHEST_DISTANCES = 2.0
 
 
 @compiled
-def follow(x, start, stop, tiny, mesh, rim, slot, local, point, distance, doubtful):
+def follow_normals(x, start, stop, tiny, mesh, rim, slot, local, point, distance, doubtful):
     """Move the nearest points of ``x[start:stop]`` to where interpolated normals lead to the queries.
 
     ``mesh`` are, by slot, corners and normals as frames (m, 3, 3), the first and the differences of the others from it,
     and neighbours (m, 3). ``rim`` are, for each boundary edge, its ends, normals and tangents (k, 2, 3), the end of
     another one that each end touches (k, 2), as 2 edge + end or -1, and its triangle and the edge of that (k, 2).
     Nearest points of queries within ``tiny`` of the mesh stay; so do those with no such point near by, which are marked
-    ``doubtful``.
+    ``doubtful``. ``slot``, ``local`` and ``point`` change in place; ``distance`` stays that from the triangles.
     """
     frames, normals, neighbours = mesh
     for i in range(start, stop):

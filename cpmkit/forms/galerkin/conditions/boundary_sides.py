@@ -162,7 +162,7 @@ DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
 
 
 def local_widths(
-    values: csr_array, areas: Floats, samples: BoundarySamples, sides: Sequence[Bools], spacing: Floats
+    values: csr_array, integrals: Floats, samples: BoundarySamples, sides: Sequence[Bools], spacing: Floats
 ) -> Floats:
     """Return the width (b,) of the manifold beside boundary samples, at most h; penalties are proportional to 1 / w.
 
@@ -170,7 +170,7 @@ def local_widths(
     manifold and over its side of the boundary.
 
     ``values`` csr_array (b, n): evaluates the splines N_j at the samples.
-    ``areas`` (n,): A_j.
+    ``integrals`` (n,): A_j.
     ``samples``: the samples.
     ``sides`` sequence of (b,) bool: disjoint sets of samples, such as those on one side of a boundary. L_j is summed
         over each set by itself; samples in no set have the width h.
@@ -179,7 +179,7 @@ def local_widths(
     width, measured = np.array(spacing, dtype=np.float64), np.stack(sides, axis=1) & (samples.half >= 0)[:, None]
     lengths = values @ (values.T @ np.where(measured, samples.weights[:, None], 0.0))
     row, side = np.nonzero(measured)
-    width[row] = np.minimum(width[row], (values @ areas)[row] / lengths[row, side] / WIDE_SHARE)
+    width[row] = np.minimum(width[row], (values @ integrals)[row] / lengths[row, side] / WIDE_SHARE)
     return width
 
 

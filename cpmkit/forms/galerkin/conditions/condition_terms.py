@@ -247,7 +247,7 @@ def condition_terms(
     samples: BoundarySamples,
     left: Bools,
     traces: tuple[csr_array, csr_array],
-    areas: Floats,
+    integrals: Floats,
     diffusivity: Any,
     logarithms: Floats,
     lattice: Lattice,
@@ -262,7 +262,7 @@ def condition_terms(
     ``conditions``, ``samples``, ``lattice``: the attributes of :class:`ConditionTerms`.
     ``left`` (b,): whether each sample is on the left of its boundary.
     ``traces`` two csr_array (b, n): evaluate u, and du/db along the conormals, at the samples.
-    ``areas`` (n,): the integral of each spline over the manifold.
+    ``integrals`` (n,): the integral of each spline over the manifold.
     ``diffusivity``, Data or tensor: the diffusivity of the equation.
     ``logarithms`` (n,): the integral of each spline times the logarithm of the diffusivity, or of a tensor's mean over
         tangents.
@@ -275,8 +275,8 @@ def condition_terms(
     for condition in conditions:
         constrained[condition.all_rows] |= condition.constrains_value
     spacing = np.broadcast_to(spacings, len(samples))
-    widths = local_widths(values, areas, samples, (left, ~left), spacing)
-    limits = OneSidedLimits(samples, widths, (values @ logarithms) / (values @ areas), lattice)
+    widths = local_widths(values, integrals, samples, (left, ~left), spacing)
+    limits = OneSidedLimits(samples, widths, (values @ logarithms) / (values @ integrals), lattice)
     if slopes_along is None:
         a = limits.value(diffusivity, "the diffusivity")
     else:
@@ -295,6 +295,6 @@ def condition_terms(
             on_side = OneSidedLimits(samples.take(numbers), widths[numbers], np.log(a[numbers]), lattice)
             a[numbers] = on_side.conductivity(conductivity, condition.label, side)
     if not constrained.all():
-        between = local_widths(values, areas, samples, (left & constrained, ~left & constrained), spacing)
+        between = local_widths(values, integrals, samples, (left & constrained, ~left & constrained), spacing)
         widths = np.where(constrained, between, widths)
     return ConditionTerms(tuple(conditions), samples, values, slopes, a, widths, lattice)

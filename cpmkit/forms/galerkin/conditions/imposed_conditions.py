@@ -79,7 +79,7 @@ def needs_rims(scene: Scene) -> bool:
     )
 
 
-def impose_conditions(
+def imposed_conditions(
     scene: Scene, samples: BoundarySamples, left: Bools, surface: LocalSource, lattice: Lattice
 ) -> tuple[ImposedCondition, ...]:
     """Return the conditions of a scene, each with the samples at which it is imposed.

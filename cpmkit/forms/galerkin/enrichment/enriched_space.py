@@ -109,11 +109,6 @@ class EnrichedSpace(FunctionSpace):
 
     # Integrals
 
-    @cached_property
-    def totals(self) -> Floats:
-        """(n + m,) the integral of each spline and each psi over the manifold."""
-        return np.concatenate([self.areas, self._singular_loads(np.ones((1, 1)))[:, 0]])
-
     def load(self, values: Floats) -> Floats:
         """Return the integrals (n + m, k) of ``values`` (p, k) at the samples of the manifold times each function."""
         return np.concatenate([super().load(values), self._singular_loads(values)])

@@ -137,14 +137,9 @@ class FunctionSpace:
     # Integrals
 
     @cached_property
-    def areas(self) -> Floats:
+    def spline_integrals(self) -> Floats:
         """The integrals (spline_count,) of each spline over the manifold."""
         return self.spline_loads(np.ones((1, 1)))[:, 0]
-
-    @cached_property
-    def totals(self) -> Floats:
-        """The integrals (n,) of each function of the space over the manifold."""
-        return self.areas
 
     def spline_loads(self, values: Floats) -> Floats:
         """Return the integrals (spline_count, k) of ``values``, (q, k) at all samples or (1, k), times each spline."""
