@@ -20,6 +20,8 @@ SHARED_KEYS = {
     "translation": "A vector that is added to all points.",
     "trim": "A formula in x, y, z: the part where it is at most zero is kept.",
 }
+#: Names of Python's plain types in JSON schemas.
+JSON_TYPES = {"float": "number", "int": "integer", "str": "string", "bool": "boolean", "None": "null"}
 
 
 @dataclass(frozen=True)
@@ -50,12 +52,17 @@ def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
         if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
             continue
         needed = parameter.default is parameter.empty
-        declared = "" if parameter.annotation is parameter.empty else str(parameter.annotation).strip("'")
+        declared = "" if parameter.annotation is parameter.empty else _type_name(parameter.annotation)
         types, summary = documented.get(name, ("", ""))
         summary = summary or SHARED_KEYS.get(name, "")
         default = None if needed or callable(parameter.default) else parameter.default
-        keys.append(Key(name, types or declared, declared, needed, default, summary))
+        keys.append(Key(name, types or JSON_TYPES.get(declared, declared), declared, needed, default, summary))
     return tuple(keys)
+
+
+def _type_name(annotation: Any) -> str:
+    """Return the name of an annotation, which is a class or, with postponed evaluation, text."""
+    return annotation.__name__ if isinstance(annotation, type) else str(annotation).strip("'")
 
 
 def first_sentence(text: str | None) -> str:

@@ -15,7 +15,7 @@ from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import DeclaredOptions, declared_options
 from cpmkit.scenefile.condition_tables import CONDITIONS
-from cpmkit.scenefile.documented_keys import APPLICATIONS, Key, first_sentence, keys_of
+from cpmkit.scenefile.documented_keys import APPLICATIONS, JSON_TYPES, Key, first_sentence, keys_of
 from cpmkit.scenefile.look import PictureRequest
 from cpmkit.scenefile.scene_files import PROBLEMS, SIDE_KEYS, SOLVER_KEYS
 
@@ -74,8 +74,6 @@ def kinds(name: str | None = None) -> tuple[Kind, ...]:
 
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
-#: Names of Python's plain types in JSON schemas.
-JSON_TYPES = {"float": "number", "int": "integer", "str": "string", "bool": "boolean", "None": "null"}
 DATUM = {"$ref": "#/definitions/datum"}
 
 Schema = dict[str, Any]

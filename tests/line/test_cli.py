@@ -2,6 +2,8 @@
 
 import io
 import json
+import subprocess
+import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
@@ -148,6 +150,11 @@ def test_explain_prints_for_people_and_for_programs(run, solved, monkeypatch):
     monkeypatch.setattr(cpmkit, "explain", lambda scene, spacing, **options: Explanation(), raising=False)
     assert run("explain", "scene.toml").stdout == "seven unknowns\n"
     assert json.loads(run("explain", "scene.toml", "--json").stdout) == {"unknowns": 7}
+
+
+def test_python_runs_the_package_as_the_command():
+    done = subprocess.run([sys.executable, "-m", "cpmkit", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("cpmkit, version ")
 
 
 def test_plugins_lists_kinds_with_their_distributions(run):

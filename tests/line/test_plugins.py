@@ -12,6 +12,7 @@ import cpmkit as ck
 from cpmkit import plugins
 from cpmkit.linear.solver_options import make_solver
 from cpmkit.plugin import hookimpl
+from cpmkit.scenefile.documented_keys import keys_of
 
 
 class FakeEntryPoint:
@@ -128,3 +129,14 @@ def test_a_misspelt_hook_is_refused(install):
     install("misspelt.kind", Misspelt())
     with pytest.raises(pluggy.PluginValidationError, match="cpmkit_source"):
         ck.source("misspelt.kind")
+
+
+def test_keys_have_the_types_of_annotations():
+    def make(*, size: float, name: "str" = "a", other: float | None = None):
+        """Return a shape."""
+
+    assert [(key.type, key.declared) for key in keys_of(make)] == [
+        ("number", "float"),
+        ("string", "str"),
+        ("float | None", "float | None"),
+    ]
