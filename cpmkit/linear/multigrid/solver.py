@@ -59,7 +59,7 @@ class MultigridSolver:
     ) -> PreconditionedCG | PreconditionedGMRES:
         """Return the iteration for an operator; ``inner`` is the operator without its border.
 
-        The cycle of ``waves`` is that of the operator's own matrix A: smoothers damp components for which A is positive on all levels that
+        The cycle of ``waves`` is that of A itself: smoothers damp components for which A is positive on all levels that
         resolve a wave, and the coarsest of these levels, on which A has negative eigenvalues, is factorised without
         change. Raises IndefiniteError if an eigenvalue has the wrong sign. Raises RuntimeError if a block of unknowns
         is singular.

@@ -189,8 +189,8 @@ def _least_squares_vertices(
 ) -> tuple[Floats, Floats]:
     """Return points (v, 3) nearest to the tangent planes of the crossings of each group, and unit normals (v, 3).
 
-    Normals have either sign. Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
-    their cell by more than a tenth of its side are clipped.
+    Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
+    their cell by more than a tenth of its side are clipped. Normals have either sign.
 
     ``cells`` (v,): the code of the cell of each group.
     ``member``, ``piece`` (k,): pairs of a crossing and its group; a crossing has four, one for each cell around it.

@@ -60,7 +60,7 @@ def conformance_cases() -> list[ConformanceCase]:
 
 
 def mixed_union() -> Any:
-    """Return the object of mixed codimension of King et al. (2024), section 7.1, at a fifth of its size, for the laws."""
+    """Return the object of mixed codimension of King et al. (2024), section 7.1, at a fifth of its size."""
     torus = source("analytic.torus", major=0.6, minor=0.2)
     segments = [source("analytic.segment", start=[sign * 0.25, 0, 0], end=[sign * 0.4, 0, 0]) for sign in (-1.0, 1.0)]
     return union(members=[torus, source("analytic.sphere", radius=0.25), *segments])
