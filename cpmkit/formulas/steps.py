@@ -119,7 +119,9 @@ def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
             pass
     available = (*names, *CONSTANTS, *FUNCTIONS)
     hint = did_you_mean(word, available) if word not in available else ""
-    return f"uses {{part}}{hint}; offered are + - * / ** % < > and {', '.join(available)}."
+    pieces = isinstance(node, ast.Call | ast.IfExp) and not hint
+    remedy = "; for two pieces write (z > 0.3)*A + (z <= 0.3)*B" if pieces else ""
+    return f"uses {{part}}{hint}; offered are + - * / ** % < > and {', '.join(available)}{remedy}."
 
 
 #: The kernels of ``run_arithmetic``, in its order; IEEE 754 defines their results, which equal NumPy's exactly.

@@ -238,7 +238,7 @@ def _page(report: Report, records: Sequence[Record], figures: Sequence[str], lef
     parts += [f"![{report.title}]({figure})" for figure in figures]
     if report.trades:
         parts += ["## Which buys which error for what", trade_of(report)]
-    parts += ["## What it cost", tables.costs_table([(report.title, report.series)])]
+    parts += ["## What it cost, with errors in the unit of u", tables.costs_table([(report.title, report.series)])]
     failed = [record for record in records if "error" in record]
     if failed:
         parts += [

@@ -192,7 +192,7 @@ def winners_table(made: Sequence[Attempt]) -> str:
     """Return a Markdown table: for each decade of error, the attempt that reaches it at the least of each cost."""
     found = {cost: cheapest_by_decade(made, cost) for cost in COSTS if front(made, cost)}
     heads = [head for cost in found for head in (f"least {COSTS[cost]}", COSTS[cost])]
-    lines = [table_row(["rms error below", *heads]), "|--:|" + "---|--:|" * len(found)]
+    lines = [table_row(["rms error below, of the range", *heads]), "|--:|" + "---|--:|" * len(found)]
     for power in sorted({power for winners in found.values() for power in winners}, reverse=True):
         cells = []
         for cost, winners in found.items():
@@ -205,7 +205,7 @@ def winners_table(made: Sequence[Attempt]) -> str:
 def front_table(made: Sequence[Attempt]) -> str:
     """Return a Markdown table of the attempts on the Pareto fronts of error and each cost, the largest error first."""
     fronts = {cost: front(made, cost) for cost in COSTS}
-    rows = [["", "", "unbeaten in", "rms error", *COSTS.values()]]
+    rows = [["", "", "unbeaten in", "rms error, of the range", *COSTS.values()]]
     for each in sorted({each for on_front in fronts.values() for each in on_front}, key=lambda each: -each.error):
         where = " and ".join(COSTS[cost] for cost, on_front in fronts.items() if each in on_front)
         costs = [_number(getattr(each, cost), ".3g") for cost in COSTS]

@@ -97,7 +97,9 @@ def test_a_record_has_the_target_and_the_result(file, tmp_path):
     assert [entry.target for entry in every[-1].entries] == [1e-2, 1e-3]
     said = CliRunner().invoke(main, ["study", "report", str(tmp_path)])
     assert said.exit_code == 0, said.output
-    assert "| rms error below |" in said.output
+    assert "| rms error below, of the range |" in said.output
+    assert "| unbeaten in | rms error, of the range |" in said.output
+    assert "## What it cost, with errors in the unit of u" in (tmp_path / "report.md").read_text()
     assert (tmp_path / "trade.png").stat().st_size > 10_000
 
 
