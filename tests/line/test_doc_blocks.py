@@ -13,6 +13,7 @@ from measure_docs import code_blocks
 
 from cpmkit import explain, load_scene
 from cpmkit.cli import main
+from cpmkit.files.whole_files import KNOWN_MESHES
 
 ROOT = Path(__file__).parents[2]
 #: Commands that pages show and no test runs. Other commands than cpmkit, pip and python must stand in `.ci/run`.
@@ -71,8 +72,11 @@ def check_installation(words):
 
 
 @pytest.mark.parametrize("page", all_pages(), ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_the_blocks_of_a_page_run(page, tmp_path, monkeypatch):
+def test_the_blocks_of_a_page_run(page, tmp_path, monkeypatch, real_mesh):
     text = page.read_text(encoding="utf-8")
+    for name in KNOWN_MESHES:
+        if any(name in block.text for block in code_blocks(text)):
+            real_mesh(name)
     built = "file_format: mystnb" in text  # a tutorial, whose Python is executed when the pages are built
     monkeypatch.chdir(tmp_path)
     namespace = {"__name__": "page"}
