@@ -36,8 +36,8 @@ class Import:
 
 @cache
 def modules() -> dict[str, Path]:
-    """Return the file of each module of cpmkit."""
-    files = sorted((ROOT / "cpmkit").rglob("*.py"))
+    """Return the file of each module of cpmkit, but for ``__main__``, which is another name of the command."""
+    files = sorted(file for file in (ROOT / "cpmkit").rglob("*.py") if file.name != "__main__.py")
     names = [".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for file in files]
     return dict(zip(names, files, strict=True))
 
