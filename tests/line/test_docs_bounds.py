@@ -2,10 +2,10 @@
 
 import measure_docs as measure
 
-#: Words outside reference and tables, and of the list of changes. Raise them with a reason here.
-WORDS, CHANGELOG_WORDS = 33_000, 3_300
+#: Words outside reference and tables, and of the list of changes: a tenth above what there are. Raise them with a reason.
+WORDS, CHANGELOG_WORDS = 32_000, 2_700
 #: Private words in prose, messages and docstrings, where they have their ordinary meaning.
-PRIVATE_WORDS = 20
+PRIVATE_WORDS = 5
 
 
 def test_the_documentation_keeps_its_bounds():
