@@ -106,7 +106,7 @@ class ClosestPointSource(Protocol):
 
     @property
     def exact(self) -> bool:
-        """True where the feet are nearest points of the manifold; False for a smoothed mesh."""
+        """Whether feet, but ``doubtful`` ones, are nearest points of the manifold; False, say, for a smoothed mesh."""
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return a closest point of each row of ``x``.

@@ -1,4 +1,4 @@
-"""What came of a scene whose solution is known: its error, and whether the user was told of it."""
+"""What came of a scene whose solution is known: its error, and whether the user was warned of it."""
 
 from __future__ import annotations
 
@@ -39,11 +39,14 @@ def outcome(known: Known, form: str) -> Outcome:
         warnings.simplefilter("always")
         try:
             solution = ck.solve(known.scene, known.spacing, form=form)
-            estimate = solution.error
         except CpmkitError:
             return Outcome("refused")
         off = solution.evaluate(known.points) - known.u
-    error = float(np.sqrt(np.mean(off**2)) / np.ptp(known.u))
+        error = float(np.sqrt(np.mean(off**2)) / np.ptp(known.u))
+        try:
+            estimate = solution.error
+        except CpmkitError:  # who asks for the estimate hears that there is none
+            return Outcome("warned", error)
     covered = error <= max(FACTOR * (estimate.of("rms") + float(estimate.floor.max())), SMALL)
     said = bool(heard or solution.warnings or estimate.slow)
     return Outcome("warned" if said else "right" if covered else "silent", error)

@@ -62,12 +62,12 @@ def schedule(until: float, step: float, frames: Sequence[float], start: float = 
     steps: list[Step] = []
     begin = start
     for stop in sorted({*(time for time in frames if time > start), until}):
-        steps += _between(begin, stop, step, stop in frames)
+        steps += _steps_between(begin, stop, step, stop in frames)
         begin = stop
     return steps
 
 
-def _between(start: float, stop: float, step: float, is_frame: bool) -> Iterator[Step]:
+def _steps_between(start: float, stop: float, step: float, is_frame: bool) -> Iterator[Step]:
     """Yield equal steps from ``start`` to ``stop``, the last one shorter if they do not fit.
 
     ``is_frame`` says whether the solution is stored after the last of them.

@@ -106,7 +106,7 @@ class SemiDiscrete:
         return load
 
     def times_mass(self, u: Floats) -> Floats:
-        """Return M u for u (n, k)."""
+        """Return M u (n, k) for u (n, k) and the form's ``mass_in_time`` M; u itself if there is none."""
         mass = self.form.mass_in_time
         return u if mass is None else mass.apply(u)
 

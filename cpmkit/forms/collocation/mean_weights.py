@@ -233,9 +233,10 @@ def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, 
 def correct_means(tables: Discretization, scene: Scene, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
     """Return u (n, channels) with a corrected mean on each component that no flux leaves, and the imbalances corrected.
 
-    Nothing is corrected where c varies or is not positive (as for Helmholtz), where there is a velocity, and where c is
-    so large that a lost flux changes u locally and not by a constant; nor on a component with edges, where means are
-    less exact, if the imbalance is small or the order is 1, at which means are as inexact as u.
+    Nothing is corrected where boundaries have ghosts, where c varies or is not positive (as for Helmholtz), where there
+    is a velocity, and where c is so large that a lost flux changes u locally and not by a constant; nor on a component
+    with edges, where means are less exact, if the imbalance is small or the order is 1, at which means are as inexact
+    as u. ``b`` (n, channels): the right-hand side.
     """
     terms, layout = scene.problem.terms(), tables.layout
     if callable(terms.c) or terms.c <= 0 or terms.velocity is not None:

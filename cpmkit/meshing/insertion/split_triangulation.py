@@ -125,7 +125,7 @@ class SplitTriangulation:
         return corners
 
     def fan(self, vertex: int) -> list[int]:
-        """Return the triangles at a vertex."""
+        """Return the triangles at a vertex, in no order: the list itself, which splits change and callers must not."""
         fan = self._fans.get(vertex)
         if fan is None:
             start, roots = self._roots_of_vertices

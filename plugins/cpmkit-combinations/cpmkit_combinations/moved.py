@@ -88,7 +88,7 @@ class Moved(Wrapper):
 
     @property
     def left_of(self) -> Floats | None:
-        """(d,) the point on the left of the source inside, moved with it."""
+        """(d,) a point on the left of the boundary: that of the source inside, moved; None if that has none."""
         point = getattr(self.of, "left_of", None)
         return None if point is None else self._to_world(as_vector(point, self.dim, "left_of")[None])[0]
 

@@ -67,7 +67,7 @@ class Equations(OnNodes):
                 beta = part.data_at_vertices(part.law.beta, 1, None)[:, 0]
                 matrix = (matrix + part.mass(a * beta / part.law.alpha)).tocsr()
         fixed = not callable(terms.c) and bool(terms.c)
-        return pinned_operator(self.change_matrix(matrix), self.pins.vertices, rims, fixed, a)
+        return pinned_operator(self.matrix_of_unknowns(matrix), self.pins.vertices, rims, fixed, a)
 
     @property
     def _flows(self) -> list[RimPart]:
@@ -76,7 +76,7 @@ class Equations(OnNodes):
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f v, f linear between the vertices; none at pinned vertices."""
-        b = self.change_load(
+        b = self.load_of_unknowns(
             self.mass_matrix @ self.data_at_points(f, "the right-hand side f", time, self.scene.channels)
         )
         b[self.pins.vertices] = 0.0
@@ -91,7 +91,7 @@ class Equations(OnNodes):
             b += rim @ part.data_at_vertices(part.law.datum, self.scene.channels, time)
         for tie in self.ties:
             b += tie.load(stiffness.diffusivity, self.scene.channels, time)
-        b = self.change_load(b)
+        b = self.load_of_unknowns(b)
         b[self.pins.vertices] = 0.0
         return np.asarray(b - stiffness.coupling @ self.pins.values(time))
 
@@ -103,7 +103,7 @@ class Equations(OnNodes):
         if not spectral:
             return None
         return CsrOperator(
-            without(self.change_matrix(sum(spectral[1:], spectral[0])), self.pins.vertices, columns=True),
+            without(self.matrix_of_unknowns(sum(spectral[1:], spectral[0])), self.pins.vertices, columns=True),
             symmetric=True,
         )
 

@@ -114,18 +114,18 @@ class OnNodes(Discretized):
 
     @cached_property
     def _mass(self) -> csr_array:
-        return self.change_matrix(self.mass_matrix)
+        return self.matrix_of_unknowns(self.mass_matrix)
 
     @cached_property
     def change(self) -> csr_array | None:
         """T (n, n), with values at nodes ``T u`` and T its own inverse; None where unknowns are these values."""
         return change_of(self.ties, self.size)
 
-    def change_matrix(self, matrix: csr_array) -> csr_array:
+    def matrix_of_unknowns(self, matrix: csr_array) -> csr_array:
         """Return ``T' matrix T``: a bilinear form of values at nodes, as one of unknowns."""
         return matrix if self.change is None else (self.change.T @ matrix @ self.change).tocsr()
 
-    def change_load(self, b: Floats) -> Floats:
+    def load_of_unknowns(self, b: Floats) -> Floats:
         """Return ``T' b``: a load of the functions of nodes, as one of the unknowns."""
         return b if self.change is None else np.asarray(self.change.T @ b)
 

@@ -68,7 +68,7 @@ def read_ply(data: bytes) -> dict[str, Table]:
         elements = [_of_doubles(element) for element in elements]
     stream = _Stream(body, ">" if form == "binary_big_endian" else "<")
     tables = {element.name: stream.table(element) for element in elements}
-    if stream.left:
+    if stream.bytes_left:
         raise InputError("it goes on after the last row that it announces.")
     return tables
 
@@ -178,7 +178,7 @@ class _Stream:
         self.data, self.order, self.place = data, order, 0
 
     @property
-    def left(self) -> int:
+    def bytes_left(self) -> int:
         """Number of bytes that are not read yet."""
         return len(self.data) - self.place
 
@@ -186,7 +186,7 @@ class _Stream:
         """Return the table of the next element, a column for each property; raise InputError if data are missing."""
         if not element.properties:
             return {}
-        if element.count > self.left:
+        if element.count > self.bytes_left:
             raise InputError(CUT_OFF_SENTENCE.format(count=element.count, name=shown(element.name)))
         if element.count and (table := self._alike(element)) is not None:
             return table
@@ -198,7 +198,7 @@ class _Stream:
         first = self._row(element)
         self.place = start
         record = self._record(element, first)
-        if element.count * record.itemsize > self.left:
+        if element.count * record.itemsize > self.bytes_left:
             return None
         rows = np.frombuffer(self.data, record, element.count, start)
         table: Table = {}
@@ -232,7 +232,7 @@ class _Stream:
     def _take(self, count: int, kind: str, element: Element) -> np.ndarray:
         """Return the next ``count`` numbers of type ``kind``; raise InputError if the data end before."""
         dtype = np.dtype(self.order + kind)
-        if count * dtype.itemsize > self.left:
+        if count * dtype.itemsize > self.bytes_left:
             raise InputError(CUT_OFF_SENTENCE.format(count=element.count, name=shown(element.name)))
         self.place += count * dtype.itemsize
         return np.frombuffer(self.data, dtype, count, self.place - count * dtype.itemsize)

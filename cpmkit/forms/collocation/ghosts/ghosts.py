@@ -95,7 +95,7 @@ def build_ghosts(
         unknowns,
         numbers,
         _with_edge_formula(replace(rows, terms=terms), mirrored, geometry),
-        _with_coupled_sources(ghost_sources(geometry), coupled),
+        _with_extrapolated_sources(ghost_sources(geometry), coupled),
         geometry.side_views(np.arange(len(geometry)), rows.points, radius),
         orders,
         np.where(at_one_point, distance / (SIDE_READING_SPACINGS * band.spacing), np.nan),
@@ -152,8 +152,11 @@ def _with_edge_formula(ghosts: RowFormula, mirrored: RowFormula, geometry: Ghost
     return RowFormula(ghosts.points, ghosts.coefficient * coefficient, data, terms, ghosts.feet)
 
 
-def _with_coupled_sources(sources: RowFormula, parts: Sequence[CoupledGhosts]) -> RowFormula:
-    """Return the formulas of right-hand sides, extrapolated for ghosts of a transmission that read several points."""
+def _with_extrapolated_sources(sources: RowFormula, parts: Sequence[CoupledGhosts]) -> RowFormula:
+    """Return the formulas ``sources`` by which ghosts read right-hand sides, extrapolated for those that couple sides.
+
+    For ``parts``, values at the boundary and at two points beyond it are extrapolated to the node of the ghost.
+    """
     factor, added = np.ones(len(sources)), list[ExtraPoint]()
     for part in parts:
         factor[part.rows] = part.source_factor

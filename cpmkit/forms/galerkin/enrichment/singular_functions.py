@@ -64,7 +64,9 @@ class TipDisc:
     def polar(self, points: Floats, sides: Ints) -> tuple[Floats, Floats]:
         """Return r and t (k,) of ``points`` (k, d) in cells on the ``sides`` (k,) of the boundary.
 
-        t runs from -pi on the right of the boundary over 0 beyond the tip to pi on its left.
+        t runs from -pi on the right of the boundary over 0 beyond the tip to pi on its left. ``sides`` are 1 on the
+        left, -1 on the right and 0 ahead of the tip. A point across the boundary keeps the side of its cell, so that
+        the size of t may exceed pi.
         """
         x, y = self.plane(points)
         t = np.arctan2(y, x)
