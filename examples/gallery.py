@@ -119,8 +119,6 @@ JOBS = (
             "picture-modes.png": 2,
             "twins-fish.png": 11,
             "difference-spot.png": 4,
-            "difference-fish.png": 4,
-            "difference-nefertiti.png": 9,
         }.items()
     ),
 )

@@ -99,8 +99,6 @@ PICTURES = {
     "heat-on-spot": heat_on_spot,
     "twins-fish": twins_fish,
     "difference-spot": lambda file: difference("spot.obj", file),
-    "difference-fish": lambda file: difference("fish.obj", file),
-    "difference-nefertiti": lambda file: difference("nefertiti-lowres.obj", file),
 }
 
 

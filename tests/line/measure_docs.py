@@ -44,6 +44,11 @@ def code_blocks(text: str) -> list[CodeBlock]:
     return list(_code_blocks(text))
 
 
+def block_texts(page: Path, language: str) -> list[str]:
+    """Return the texts of a page's code blocks in one language, in its order."""
+    return [block.text for block in code_blocks(page.read_text(encoding="utf-8")) if block.language == language]
+
+
 def _code_blocks(text: str) -> Iterator[CodeBlock]:
     for fence in FENCE.finditer(text):
         directive, _, argument = fence["kind"].strip().partition(" ")

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from measure_docs import block_texts
 
 import cpmkit
 import cpmkit.plugin
@@ -25,13 +26,6 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 MODULES = [name for _, name, _ in pkgutil.walk_packages(cpmkit.__path__, "cpmkit.") if not name.endswith("__main__")]
 SCENE = {"surface": 'kind = "analytic.circle"', "problem": 'kind = "laplace"'}
-
-
-def blocks(page, language):
-    """Return the fenced blocks of a page."""
-    return re.findall(
-        rf"^```{language}\n(.*?)^```", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
-    )
 
 
 def from_docs(name):
@@ -55,7 +49,7 @@ def test_docstrings_hold_examples():
 def test_python_in_the_readme(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}
-    code = "\n".join(blocks("README.md", "python"))
+    code = "\n".join(block_texts(ROOT / "README.md", "python"))
     assert code.count("spacing=0.1)") == 1
     exec(code.replace("spacing=0.1)", "spacing=0.2)"), names)
     assert (tmp_path / "torus.png").stat().st_size > 10_000

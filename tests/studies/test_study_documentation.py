@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from click.testing import CliRunner
-from measure_docs import code_blocks
+from measure_docs import block_texts
 
 from cpmkit.cli import main
 from cpmkit.studies.records import gather, read_records
@@ -20,14 +20,9 @@ STUDIES = ROOT / "examples" / "studies"
 DOCS = ROOT / "docs"
 
 
-def blocks(page, language):
-    text = (DOCS / page).read_text(encoding="utf-8")
-    return [block.text for block in code_blocks(text) if block.language == language]
-
-
 def test_the_study_in_the_documentation_converges(tmp_path):
     file = tmp_path / "torus.toml"
-    file.write_text(blocks("how-to/run-a-study.md", "toml")[0])
+    file.write_text(block_texts(DOCS / "how-to" / "run-a-study.md", "toml")[0])
     study = load_study(file)
     coarse = replace(study, sweep=replace(study.sweep, spacings=[0.2, 0.14, 0.1]))
     outcome = run_study(coarse, tmp_path)
@@ -39,7 +34,7 @@ def test_the_study_in_the_documentation_converges(tmp_path):
 def test_python_in_the_documentation(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}
-    exec("\n".join(blocks("how-to/run-a-study.md", "python")), names)
+    exec("\n".join(block_texts(DOCS / "how-to" / "run-a-study.md", "python")), names)
     assert abs(names["report"].series[0].fitted_order - 2) < 0.2
 
 
