@@ -28,7 +28,7 @@ class RowGroups:
 
     @classmethod
     def of(cls, count: int, label: Ints) -> RowGroups:
-        """Return ``count`` groups from the label (n,) of each row."""
+        """Return ``count`` groups of rows from the group number (n,) of each row, 0 to ``count`` - 1."""
         if count == 1:
             return cls(np.zeros(1, dtype=np.int64), slice(None), np.zeros(1, dtype=np.int64))
         order = np.argsort(label, kind="stable")
@@ -54,7 +54,7 @@ class RowGroups:
         return np.asarray(np.sqrt(self.sums(np.abs(rows) ** 2)))
 
     def reduced(self, operation: np.ufunc, rows: Any) -> Any:
-        """Return ``rows`` (n, ...) reduced by ``operation`` over each group, (groups, ...)."""
+        """Return ``rows`` (n, ...) reduced over each group by ``operation``, such as np.maximum: (groups, ...)."""
         return operation.reduceat(rows[self.order], self.starts, axis=0)
 
 
@@ -75,7 +75,7 @@ class ConstantFunctions:
 
     @classmethod
     def of(cls, operator: Operator, functions: Floats) -> ConstantFunctions:
-        """Return the constant ``functions`` (n, k) of an operator A with their images A K."""
+        """Return the constant ``functions`` K (n, k) of an operator A with A K and the connected components of A."""
         pieces = RowGroups.of(*operator.pieces())
         sizes = pieces.sums(np.abs(operator.diagonal) * functions**2)
         return cls(functions, operator.apply(functions), sizes, pieces)
@@ -85,9 +85,10 @@ class ConstantFunctions:
     ) -> tuple[Any, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report whose residual is relative to ``b - A K c``.
 
-        Where rounding errors of b exceed ``tolerance`` times the norm of ``b - A K c``, the report's residual is scaled
-        so that ``tolerance`` corresponds to the rounding errors. ``prepared`` is the solver for A; the other parameters
-        are those of its ``solve``. Raises ConvergenceError as ``prepared.solve`` does.
+        Where rounding errors of b (n, channels) exceed ``tolerance`` times the norm of ``b - A K c``, the report's
+        residual is scaled so that ``tolerance`` corresponds to the rounding errors. ``prepared`` is the solver for A;
+        ``guess`` (n, channels) is an initial guess of u, None for none. Raises ConvergenceError as ``prepared.solve``
+        does.
         """
         each, at = self.pieces, self.pieces.at
         # By powers of two, so that squares of b neither overflow nor vanish.
@@ -125,7 +126,8 @@ class ConstantFunctions:
     def _separate(self, b: Any) -> tuple[Any, Any]:
         """Return the least squares solution c (pieces, k, channels) of ``A K c = b``, and ``b - A K c`` (n, channels).
 
-        c solves the normal equations of each component; a second step corrects the rounding of the first.
+        c solves the normal equations of each component for b (n, channels); a second step corrects the rounding of the
+        first.
         """
         conjugate = self.images.conj()
         inverse = np.linalg.pinv(self.pieces.products(conjugate, self.images), hermitian=True)
@@ -138,8 +140,8 @@ class ConstantFunctions:
     def cancellation_warnings(self, b: Floats, u: Floats) -> tuple[str, ...]:
         """Return a warning in a tuple if the mean of u (n, channels) is a quotient of two sums that cancel; else ().
 
-        The numerator is the sum of b; the denominator ``K' A K`` is taken as cancelled where its digits are lost, or
-        where the resulting mean is larger than the range of u.
+        The numerator is the sum of b (n, channels); the denominator ``K' A K`` is taken as cancelled where its digits
+        are lost, or where the resulting mean is larger than the range of u, the solution of ``A u = b``.
         """
         each = self.pieces
         sums, sizes = np.abs(each.products(self.functions, b)), each.products(np.abs(self.functions), np.abs(b))

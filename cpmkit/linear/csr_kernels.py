@@ -17,9 +17,9 @@ from cpmkit.types import Floats
 
 @inlined
 def _row_product(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
-    """Return the scalar product of a vector x with the entries from k to ``stop``, a part of a row of a matrix.
+    """Return the scalar product of a vector x with the entries k to ``stop`` - 1, a part of a row of a matrix.
 
-    Four sums are formed: additions to a single sum would wait for each other.
+    ``columns`` and ``entries`` are CSR arrays. Four sums are formed: additions to one sum would wait for each other.
     """
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     while (stop - k) % np.uint64(4):
@@ -39,7 +39,7 @@ def _row_product(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> fl
 def fill_residual(
     start: int, stop: int, pointers: Any, columns: Any, entries: Any, x: Floats, b: Floats, out: Floats
 ) -> None:
-    """Fill the rows from ``start`` to ``stop`` of ``out`` (n, channels) with those of ``b - A x``."""
+    """Fill rows ``start`` to ``stop`` - 1 of ``out`` with ``b - A x``, all (n, channels), A by its CSR arrays."""
     for i in range(start, stop):
         for m in range(x.shape[1]):
             out[i, m] = b[i, m] - _row_product(pointers[i], pointers[i + 1], columns, entries, x[:, m])
@@ -60,10 +60,10 @@ def step(
     move: Floats,
     out: Floats,
 ) -> None:
-    """Update ``move`` and ``out`` (n, channels) in the rows from ``start`` to ``stop`` by one step for ``A x = b``.
+    """Update ``move`` and ``out`` (n, channels) in the rows ``start`` to ``stop`` - 1 by one step for ``A x = b``.
 
     ``move`` becomes ``momentum move + factor D^-1 (b - A x)`` and ``out`` becomes ``x + move``; ``inverse`` (n,) is the
-    diagonal of D^-1.
+    diagonal of D^-1. A is given by its CSR arrays; x and b are (n, channels).
     """
     for i in range(start, stop):
         for m in range(x.shape[1]):
@@ -74,7 +74,7 @@ def step(
 
 @compiled
 def restrict(pointers: Any, columns: Any, entries: Any, fine: Floats, coarse: Floats) -> None:
-    """Add ``P' fine`` to ``coarse`` (m, channels), P given by its CSR arrays and ``fine`` (n, channels)."""
+    """Add ``P' fine`` to ``coarse`` (m, channels), P (n, m) given by its CSR arrays and ``fine`` (n, channels)."""
     for i in range(len(fine)):
         for k in range(pointers[i], pointers[i + 1]):
             for m in range(fine.shape[1]):
@@ -83,7 +83,7 @@ def restrict(pointers: Any, columns: Any, entries: Any, fine: Floats, coarse: Fl
 
 @compiled
 def prolong(start: int, stop: int, pointers: Any, columns: Any, entries: Any, coarse: Floats, fine: Floats) -> None:
-    """Add the rows from ``start`` to ``stop`` of ``P coarse`` to those of ``fine`` (n, channels)."""
+    """Add rows ``start`` to ``stop`` - 1 of ``P coarse`` to ``fine`` (n, channels), P (n, m) by its CSR arrays."""
     for i in range(start, stop):
         for m in range(fine.shape[1]):
             fine[i, m] += _row_product(pointers[i], pointers[i + 1], columns, entries, coarse[:, m])
@@ -100,10 +100,10 @@ def multiply(
     width: int,
     room: int,
 ) -> tuple[Any, Any, Floats]:
-    """Return pointers, columns (unsorted) and entries of ``A B``, which has ``width`` columns.
+    """Return pointers, columns (unsorted) and entries of the product ``A B`` of two matrices given by their CSR arrays.
 
-    ``room`` is the expected number of entries of the product: unused room takes no memory, and an extension takes some
-    time.
+    ``width`` is the number of columns of B (the ``other`` matrix) and ``room`` the expected number of entries of the
+    product: unused room takes no memory, and an extension takes some time.
     """
     met, total = np.full(width, -1, dtype=np.int32), np.zeros(width)  # of each column the last row, the entry
     starts = np.zeros(len(pointers), dtype=np.uint64)
@@ -138,7 +138,8 @@ def multiply(
 def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[Any, Any, Any]:
     """Return pointers, columns and entries of the upper half of a square matrix, whose rows may be unsorted.
 
-    Each row begins with the diagonal, also if that is zero. The entries have the type of the array ``entries``.
+    The matrix is given by its CSR arrays. Each row begins with the diagonal, also if that is zero. The entries have the
+    type of the array ``entries``, which is not read.
     """
     n = len(indptr) - 1
     pointers = np.empty(n + 1, dtype=np.uint64)
@@ -164,7 +165,7 @@ def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[A
 
 @compiled
 def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: Floats) -> None:
-    """Subtract ``A x`` from ``out``, both (channels, n), for a symmetric A given by its upper half."""
+    """Subtract ``A x`` from ``out``, both (channels, n), for a symmetric A given by its upper half's CSR arrays."""
     unit = np.uint64(1)
     for channel in range(len(x)):
         values, rest = x[channel], out[channel]
@@ -230,10 +231,11 @@ def sweep_forward(pointers: Any, columns: Any, entries: Any, inverse: Floats, b:
 
 @compiled_reordered
 def factorize_cholesky(a: Floats) -> bool:
-    """Overwrite the lower triangle of ``a`` (n, n) with L of A = L L'; return False if a pivot is not above zero.
+    """Overwrite the lower triangle of ``a`` (n, n) with L of A = L L'; return whether all pivots are above zero.
 
-    The upper triangle is not read. Up to some hundred unknowns this is as fast as LAPACK with one thread; LAPACK with
-    several threads waits for them, and takes fifty times as long while other programs run.
+    At the first other pivot it stops. The upper triangle is not read. Up to some hundred unknowns this is as fast as
+    LAPACK with one thread; LAPACK with several threads waits for them, and takes fifty times as long while other
+    programs run.
     """
     for i in range(len(a)):
         for j in range(i + 1):

@@ -21,7 +21,7 @@ MIN_SHARED_ENTRIES = 1 << 22
 
 
 def uses_threads(entries: int) -> bool:
-    """Return whether products with a matrix of so many entries are faster on all threads than on one."""
+    """Return whether products with a matrix of ``entries`` stored entries are faster on all threads than on one."""
     return entries >= MIN_SHARED_ENTRIES and thread_count() > 1
 
 
@@ -45,7 +45,7 @@ class UnsignedCsr:
         return cls(matrix.indptr.astype(np.uint64), columns, entries, int(matrix.shape[1]))
 
     def to_csr(self) -> csr_array:
-        """Return the matrix in SciPy's form; the entries of a row are unsorted."""
+        """Return the matrix in SciPy's form, which may share its memory; the entries of a row may be unsorted."""
         from scipy.sparse import csr_array
 
         kind = np.int32 if len(self.entries) < 2**31 else np.int64
@@ -53,7 +53,7 @@ class UnsignedCsr:
         return csr_array((self.entries, columns, self.pointers.astype(kind)), shape=(len(self), self.width))
 
     def __matmul__(self, other: UnsignedCsr) -> UnsignedCsr:
-        """Return the product ``A B`` with another matrix."""
+        """Return the product ``A B`` with another matrix, with unsorted rows."""
         from cpmkit.linear.csr_kernels import multiply
 
         left, right = ((factor.pointers, factor.columns, factor.entries) for factor in (self, other))
@@ -64,7 +64,7 @@ class UnsignedCsr:
         return len(self.pointers) - 1
 
     def residual(self, x: Floats, b: Floats) -> Floats:
-        """Return ``b - A x`` (n, channels)."""
+        """Return ``b - A x`` (n, channels) for x (m, channels) and b (n, channels)."""
         from cpmkit.linear.csr_kernels import fill_residual
 
         out = np.empty_like(b)
@@ -72,14 +72,14 @@ class UnsignedCsr:
         return out
 
     def apply(self, x: Floats) -> Floats:
-        """Return ``A x`` (n, channels)."""
+        """Return ``A x`` (n, channels) for x (m, channels)."""
         out = self.residual(x, np.zeros((len(self), x.shape[1])))
         return np.negative(out, out=out)
 
     def step(self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats) -> Floats:
         """Return ``x + move`` after ``move`` is set to ``momentum move + factor D^-1 (b - A x)``, all (n, channels).
 
-        ``inverse`` (n,) is the diagonal of D^-1.
+        ``move`` is changed in place. ``inverse`` (n,) is the diagonal of D^-1.
         """
         from cpmkit.linear.csr_kernels import step
 
@@ -88,13 +88,13 @@ class UnsignedCsr:
         return out
 
     def add_product(self, fine: Floats, coarse: Floats) -> None:
-        """Add ``A coarse`` to ``fine`` (n, channels)."""
+        """Add ``A coarse`` to ``fine`` (n, channels) in place, for ``coarse`` (m, channels)."""
         from cpmkit.linear.csr_kernels import prolong
 
         self._run_on_parcels(prolong, coarse, fine)
 
     def apply_transposed(self, fine: Floats) -> Floats:
-        """Return ``A' fine`` (m, channels)."""
+        """Return ``A' fine`` (m, channels) for ``fine`` (n, channels)."""
         from cpmkit.linear.csr_kernels import restrict
 
         coarse = np.zeros((self.width, fine.shape[1]))
@@ -130,7 +130,7 @@ class SymmetricCsr:
         return cls(*upper_half(matrix.indptr, matrix.indices, matrix.data, np.empty(0, dtype=kind)))
 
     def apply(self, x: Floats) -> Floats:
-        """Return ``A x`` (n, channels)."""
+        """Return ``A x`` (n, channels) for x (n, channels)."""
         from cpmkit.linear.csr_kernels import subtract_product
 
         out = np.zeros(x.T.shape)
@@ -180,7 +180,8 @@ class ThreadedProduct:
     def product(self, x: Floats, finish: Callable[[int, int, Floats], Floats]) -> Floats:
         """Return the product with ``x`` (m,) or (m, k), each block of rows replaced by ``finish(start, stop, rows)``.
 
-        ``finish`` is called while the block is still in the cache.
+        ``rows`` is the product's block of the rows ``start`` to ``stop`` - 1; ``finish`` returns an array of its shape,
+        and is called on several threads, while the block is still in the cache.
         """
         result = np.empty((self.matrix.shape[0], *x.shape[1:]))
 

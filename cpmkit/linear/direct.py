@@ -40,9 +40,10 @@ class Cholesky:
 
 
 def cholesky(matrix: csr_array) -> Cholesky | None:
-    """Return the dense Cholesky factor of a small symmetric matrix; None if it has none or sparse factors are faster.
+    """Return the dense Cholesky factor of a symmetric matrix of up to 640 unknowns, None if it has none or is sparse.
 
-    It has none if it is not positive definite, or complex (complex shifts are symmetric, not Hermitian).
+    It has none if it is not positive definite, or complex (complex shifts are symmetric, not Hermitian). Sparse factors
+    are faster for larger matrices, and for those with less than 8 percent of nonzero entries.
     """
     n = matrix.shape[0]
     sparse = matrix.nnz < 0.08 * n * n  # as of curves
@@ -72,7 +73,7 @@ def factorize_matrix(matrix: csr_array, symmetric_pattern: bool, pivot_share: fl
 
 
 def factorize_symmetric(matrix: csr_array, where: str, positive: bool = True) -> Any:
-    """Return the factors, with a method ``solve``, of a symmetric matrix, which is to be positive definite by default.
+    """Return the factors, with a method ``solve``, of a symmetric matrix: a dense :class:`Cholesky` or SuperLU's.
 
     Raises IndefiniteError if the matrix is singular, or not positive definite although it is to be ``positive``; the
     message ends with ``where``, the part of the system that it belongs to.
@@ -106,7 +107,7 @@ class BorderedFactors:
     inverse: Floats  #: (r, r): ``(1 + V P^-1 U)^-1``.
 
     def solve(self, b: Floats) -> Floats:
-        """Return u (n, channels) with ``(A + s F W) u = b``."""
+        """Return u (n, channels) with ``(A + s F W) u = b`` for b (n, channels)."""
         u = self.pinned.solve(b)
         return np.asarray(u - self.solved_columns @ (self.inverse @ (self.rows @ u)))
 
@@ -114,7 +115,7 @@ class BorderedFactors:
 def factorize_operator(operator: Operator) -> Any:
     """Return the factors, with a method ``solve``, of an operator and its border, if it has one.
 
-    Raises RuntimeError if the matrix is singular.
+    Raises RuntimeError if a pivot is zero, LinAlgError if the update for the border is singular.
     """
     bordered = as_bordered(operator)
     if bordered is None:
@@ -130,13 +131,13 @@ def factorize_operator(operator: Operator) -> Any:
 
 
 def _dense_or_sparse_factors(matrix: csr_array, operator: Operator) -> Any:
-    """Return dense factors of an operator's ``matrix`` if it is small, symmetric and positive, else sparse factors."""
+    """Return dense factors of an operator's ``matrix`` if it is small, symmetric and positive, else SuperLU's."""
     dense = cholesky(matrix) if operator.symmetric else None
     return factorize_matrix(matrix, has_symmetric_pattern(operator)) if dense is None else dense
 
 
 def pinned_matrix(operator: Bordered) -> csr_array:
-    """Return A with s added to the diagonal of one unknown of each piece of the border, where A fixes no constant.
+    """Return A of a bordered operator plus s on the diagonal at one unknown of each piece with a free constant.
 
     It is regular, as ``A + s F W`` is, and sparse.
     """
@@ -156,7 +157,7 @@ class DirectSolver:
     takes_levels: ClassVar[bool] = False
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedDirect:
-        """Return the operator with its factors. Raises SceneError if the matrix is singular."""
+        """Return the operator with its factors, without ``levels``; raise SceneError if the matrix is singular."""
         del levels
         try:
             return PreparedDirect(operator, factorize_operator(operator))
@@ -178,7 +179,8 @@ class PreparedDirect:
     ) -> tuple[Floats, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report; a large residual is reduced by one step of refinement.
 
-        Raises ConvergenceError if the residual is above the tolerance.
+        ``guess`` is not used. Raises ConvergenceError if the relative residual is above the tolerance and what rounding
+        leaves.
         """
         del guess
         progress("solve", 0.0)

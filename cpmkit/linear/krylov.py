@@ -44,17 +44,17 @@ class KrylovSolver(ABC):
         """Return an approximate solution x (n, k) of ``A x = residual``, and the numbers of iterations and of products.
 
         The iteration stops when the norm of each column's residual is below its ``target`` (k,), or after ``most``
-        iterations. Raises IndefiniteError if A or the preconditioner turns out to be indefinite, and the iteration
-        needs positive ones.
+        iterations. ``residual`` (n, k) may be overwritten. Raises IndefiniteError if the iteration needs a positive A
+        and preconditioner, and either turns out to be indefinite.
         """
 
     def solve(
         self, b: Any, tolerance: float, guess: Any = None, progress: Progress = no_progress
     ) -> tuple[Any, SolveReport]:
-        """Return u (n, channels) with ``A u = b``, and a report.
+        """Return u (n, channels) with ``A u = b``, and a report; ``guess`` is the initial u, None for zero.
 
-        Raises ConvergenceError if a channel's recomputed residual is above the tolerance, or the system turns out to be
-        indefinite, for the ``fallback`` too if there is one.
+        Raises ConvergenceError if a channel's recomputed relative residual is above the tolerance and what rounding
+        leaves, or the system turns out to be indefinite, for the ``fallback`` too if there is one.
         """
         try:
             return self._solve(b, tolerance, guess, progress)
@@ -74,7 +74,7 @@ class KrylovSolver(ABC):
 
         Each round computes the true residual and corrects the channels in which it is above the tolerance. The rounds
         end without any such channel, after ``max_iterations``, or if rounding limits the residual: when
-        ``stalled_rounds`` of them have not halved it. Raises ConvergenceError as :meth:`solve` does.
+        ``stalled_rounds`` of them have not halved it. Parameters and errors are those of :meth:`solve`.
         """
         size = np.linalg.norm(b, axis=0)
         u = np.zeros_like(b) if guess is None else guess.copy()
@@ -107,7 +107,7 @@ class KrylovSolver(ABC):
 
 
 def indefinite_error(solver: str, error: IndefiniteError, iterations: int, tolerance: float) -> ConvergenceError:
-    """Return the ConvergenceError, with a report, for a solve whose system turned out to be indefinite."""
+    """Return the ConvergenceError, with a report, of a solve whose system proved indefinite after ``iterations``."""
     report = SolveReport(solver, False, iterations, 0, np.inf, tolerance, str(error))
     return ConvergenceError(
         f"The system is indefinite, and solver {solver!r} stopped after {iterations} iterations: {error}; use "
@@ -129,8 +129,8 @@ def conjugate_gradients(
 
     A channel is finished when the norm of its residual r is below its ``target`` (channels,) and ``(r, M r)^(1/2)``, in
     which large entries of A do not hide the error, has fallen by the same factor times ``slack``. The iteration stops
-    when all channels are finished, or after ``most`` iterations. ``apply`` returns products with A, ``precondition``
-    with M. Raises IndefiniteError if A or the preconditioner M turns out to be indefinite.
+    when all channels are finished, or after ``most`` steps. ``apply`` returns products with A, ``precondition`` with M.
+    Raises IndefiniteError if A or the preconditioner M turns out to be indefinite.
     """
     r = residual.copy()
     x, direction, before = np.zeros_like(r), np.zeros_like(r), np.ones(r.shape[1])
@@ -161,7 +161,7 @@ def conjugate_gradients(
 
 
 def dots(a: Floats, b: Floats) -> Floats:
-    """Return the scalar product a* b (channels,) of each column of a and b (n, channels)."""
+    """Return the scalar products a* b (channels,) of the columns of a and b (n, channels); a* is conjugated."""
     return np.asarray(np.einsum("nc,nc->c", a.conj(), b))
 
 
@@ -175,10 +175,11 @@ def gmres(
 ) -> tuple[Any, int]:
     """Return an approximate solution x (n, channels) of ``A x = residual`` by GMRES, and the number of iterations.
 
-    It stops when the residual of every channel is below its ``target`` (channels,), or after ``most`` iterations. One
-    vector (n, channels) is stored for each iteration. A and the preconditioner may be indefinite, real or complex. The
-    method is that of Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986), preconditioned from the right, so that it
-    minimises the residual of the equations.
+    It stops when the norm of every channel's residual is below its ``target`` (channels,), or after ``most``
+    iterations. One vector (n, channels) is stored for each iteration. ``apply`` returns products with A,
+    ``precondition`` with the preconditioner; both may be indefinite, real or complex. The method is that of Saad and
+    Schultz, SIAM J. Sci. Stat. Comput. 7 (1986), preconditioned from the right, so that it minimises the residual of
+    the equations.
     """
     start = np.linalg.norm(residual, axis=0)
     basis = [_over(residual, start)]
@@ -224,7 +225,7 @@ class ReferenceSolver:
     max_iterations: int = 20_000
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedReference:
-        """Return the iteration for an operator; nothing is computed before the solve."""
+        """Return the iteration for an operator; nothing is computed before the solve, and ``levels`` are not used."""
         del levels
         return PreparedReference(operator, None, self.max_iterations, "reference")
 
@@ -237,7 +238,7 @@ class PreparedReference(KrylovSolver):
     def correct(self, residual: Floats, target: Floats, most: int, progress: Progress) -> tuple[Floats, int, int]:
         """Return x (n, k) with ``A x = residual``, the iterations and products, as :meth:`KrylovSolver.correct`.
 
-        The iteration also ends when a channel breaks down; ``residual`` is overwritten.
+        The iteration also ends when a channel breaks down or is not finite; ``residual`` is overwritten.
         """
         shadow, direction = residual.copy(), residual.copy()
         x = np.zeros_like(residual)
@@ -269,5 +270,5 @@ class PreparedReference(KrylovSolver):
 
 
 def _ratio(a: Floats, b: Floats) -> Floats:
-    """Return a / b (channels,), zero where b is zero: there a channel is finished or has broken down, and is kept."""
+    """Return a / b (channels,), zero where b is zero: there a channel is finished or has broken down, and x stays."""
     return np.divide(a, b, out=np.zeros_like(a), where=b != 0)

@@ -57,11 +57,11 @@ class CsrOperator:
         return np.asarray(self.matrix @ u)
 
     def apply_rows(self, u: Floats, rows: Ints) -> Floats:
-        """Return the entries ``rows`` (r,) of A u."""
+        """Return the entries ``rows`` (r,) of A u for u (n,) or (n, channels): (r,) or (r, channels)."""
         return np.asarray(self.matrix[rows] @ u)
 
     def to_csr(self) -> csr_array:
-        """Return the matrix."""
+        """Return the matrix itself, not a copy."""
         return self.matrix
 
     def pieces(self) -> tuple[int, Ints]:
@@ -69,11 +69,11 @@ class CsrOperator:
         return connected_unknowns(self.size, [(self.matrix, 0, 0)])
 
     def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> CsrOperator:
-        """Return the operator ``M + factor A``; M is the identity if no mass is given."""
+        """Return the operator ``M + factor A``; M is the identity if ``mass`` is None."""
         return _sum_of(1.0, mass, factor, self)
 
     def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> CsrOperator:
-        """Return the operator ``A - shift M``; M is the identity if no mass is given."""
+        """Return the operator ``A - shift M``; M is the identity if ``mass`` is None."""
         return _sum_of(-shift, mass, 1.0, self)
 
 
@@ -157,7 +157,7 @@ class Border:
         return self.indicator if self.load is None else self.load
 
     def balance(self, b: Floats) -> tuple[Floats, Floats]:
-        """Return the part of b (n, channels) for which there is a solution, and lambda (k, channels)."""
+        """Return ``b - F lambda`` (n, channels), for which there is a solution, and lambda (k, channels)."""
         excess = np.linalg.solve((self.indicator.T @ self.constant_load).toarray(), self.indicator.T @ b)
         return np.asarray(b - self.constant_load @ excess), np.asarray(excess)
 
@@ -222,7 +222,7 @@ class Bordered(_DerivedOperator):
         return np.asarray(self.operator.apply(u) + self.shift * (self.border.constant_load @ (self.border.mean @ u)))
 
     def apply_rows(self, u: Floats, rows: Ints) -> Floats:
-        """Return the entries ``rows`` (r,) of :meth:`apply`."""
+        """Return the entries ``rows`` (r,) of ``(A + s F W) u`` for u (n,) or (n, channels)."""
         of_means = self.border.constant_load[rows] @ (self.border.mean @ u)
         return np.asarray(self.operator.apply_rows(u, rows) + self.shift * of_means)
 
@@ -269,11 +269,11 @@ class ComplexShift(_DerivedOperator):
         return (real + 1j * imaginary).reshape(u.shape)
 
     def apply_rows(self, u: Any, rows: Ints) -> Any:
-        """Return the entries ``rows`` (r,) of :meth:`apply`."""
+        """Return the entries ``rows`` (r,) of :meth:`apply`: (r,) or (r, channels)."""
         return self.apply(u)[rows]
 
     def to_csr(self) -> csr_array:
-        """Return the complex matrix."""
+        """Return the complex matrix ``A - i s M``."""
         return _matrix_sum(1.0, self.operator, -1j * self.s, self.mass)
 
     def positive_matrix(self) -> csr_array:

@@ -39,7 +39,7 @@ class PreconditionedCG(KrylovSolver):
 
     @cached_property
     def _matrix(self) -> UnsignedCsr | SymmetricCsr:
-        """A without its border, for faster products."""
+        """A without its border, in the storage with the fastest products."""
         matrix = self.operator.to_csr()
         return UnsignedCsr.of(matrix) if uses_threads(matrix.nnz) else SymmetricCsr.of(matrix)
 
@@ -56,7 +56,7 @@ class PreconditionedCG(KrylovSolver):
         return step, taken, (taken + (taken + 1) * self.preconditioner.products) * residual.shape[1]
 
     def precondition(self, residual: Floats) -> Floats:
-        """Return the preconditioned residual (n, channels), orthogonal to the indicators of the border's pieces."""
+        """Return the preconditioner times ``residual`` (n, channels), both orthogonal to constants on the pieces."""
         return self._without_constants(self.preconditioner.apply(self._without_constants(residual)))
 
     def _without_constants(self, vector: Floats) -> Floats:
@@ -89,7 +89,7 @@ class PreconditionedGMRES(KrylovSolver):
 
 
 def stop_by_preconditioned_residual(prepared: PreparedSolver) -> tuple[PreparedSolver, float] | None:
-    """Return a solver that stops by the preconditioned residual too, and the tolerance for its residual.
+    """Return a solver that stops by the preconditioned residual too, and the relative tolerance for its residual.
 
     With a multigrid cycle the preconditioned residual is proportional to the error of u at any spacing; with the
     diagonal it is not. None unless ``prepared`` is conjugate gradients with a multigrid cycle.
@@ -111,7 +111,7 @@ class JacobiPreconditioner:
     products: int = 0  #: The number of products with the matrix in one application.
 
     def apply(self, b: Floats) -> Floats:
-        """Return the preconditioned b (n, channels)."""
+        """Return an approximate solution (n, channels) of ``A x = b`` for b (n, channels)."""
         x = b * self.inverse
         if len(self.strip):
             x[self.strip] = self.factors.solve(b[self.strip])
@@ -127,8 +127,8 @@ class JacobiSolver:
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreconditionedCG:
         """Return the iteration for an operator; the first of ``levels`` gives the unknowns near conditions, if any.
 
-        Raises SceneError if the operator is not real and symmetric. Raises ConvergenceError if the diagonal or the
-        strip shows an eigenvalue of the wrong sign.
+        Raises SceneError if the operator is not real and symmetric. Raises ConvergenceError if the diagonal has an
+        entry that is not above zero, or the matrix of the unknowns near conditions is not positive definite.
         """
         inner = without_border(operator)
         if not inner.symmetric or np.iscomplexobj(inner.diagonal):
@@ -158,7 +158,7 @@ class JacobiOrMultigrid:
     multigrid: LinearSolver
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedSolver:
-        """Return the faster iteration for an operator, chosen by the row sums of its matrix.
+        """Return the faster iteration for an operator, chosen by the row sums of its matrix; ``levels`` are the form's.
 
         As A 1 = 0, the row sums of M + factor A are those of M alone, while the diagonal is the sum of both: their
         ratio determines the condition number for any unit of length, step and diffusivity. From 1/64 on, for -Lap up to

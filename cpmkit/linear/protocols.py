@@ -36,7 +36,7 @@ class Operator(Protocol):
         """Return A u for u (n,) or (n, channels)."""
 
     def apply_rows(self, u: Floats, rows: Ints, /) -> Floats:
-        """Return the entries ``rows`` (r,) of A u."""
+        """Return the entries ``rows`` (r,) of A u, (r,) or (r, channels)."""
 
     def to_csr(self) -> csr_array:
         """Return the operator as one sparse matrix (n, n)."""
@@ -63,10 +63,8 @@ class PreparedSolver(Protocol):
     ) -> tuple[Floats, SolveReport]:
         """Return u (n, channels) with A u = b, and a report; iterations start from ``guess``, zero if None.
 
-        Raises
-        ------
-        ConvergenceError
-            If the relative residual, recomputed after the solve, is above ``tolerance``.
+        Raises ConvergenceError if the relative residual, recomputed after the solve, is above ``tolerance`` and what
+        rounding leaves.
         """
 
 

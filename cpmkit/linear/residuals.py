@@ -61,7 +61,7 @@ MAX_ROUNDING_SHARE = 1e-6
 
 
 def rounding_of(operator: Operator, u: Floats) -> Floats:
-    """Return ``|A| |u|`` (n, channels), which times the machine epsilon bounds the rounding error of ``A u``."""
+    """Return ``|A| |u|`` (n, channels), with A's border, which times machine epsilon bounds the rounding of ``A u``."""
     rounding = abs(operator.to_csr()) @ np.abs(u)
     bordered = as_bordered(operator)
     if bordered is not None:
@@ -80,12 +80,10 @@ def judge(
     applications: int,
     remedy: str,
 ) -> SolveReport:
-    """Return the report of a solve of ``A u = b``, whose residual is recomputed here.
+    """Return the report of a solve of ``A u = b`` for b (n, channels), whose residual is recomputed here.
 
-    Raises
-    ------
-    ConvergenceError
-        If the residual is above the tolerance and above what rounding leaves; the message ends with ``remedy``.
+    ``solver``, ``iterations`` and ``applications`` are copied into the report. Raises ConvergenceError if a relative
+    residual is above the ``tolerance`` and above what rounding leaves; the message ends with ``remedy``.
     """
     residuals = _relative_to(b, b - operator.apply(u))
     residual = float(np.max(residuals, initial=0.0))
@@ -103,7 +101,7 @@ def judge(
 
 
 def _relative_to(b: Floats, part: Floats) -> Floats:
-    """Return the norm of each column of ``part`` divided by that of b, (channels,); infinite if b alone is zero."""
+    """Return the norm of each column of ``part`` divided by that of b, (channels,); 0 / 0 is 0, x / 0 infinite."""
     defect, size = np.linalg.norm(part, axis=0), np.linalg.norm(b, axis=0)
     return np.asarray(np.divide(defect, size, out=np.where(defect == 0, 0.0, np.inf), where=size > 0))
 

@@ -38,9 +38,9 @@ def choose_solver(
 ) -> str:
     """Return ``name``, or if that is ``auto`` the name of the faster solver for this number of unknowns.
 
-    A ``factor`` above one favours the direct solver, for problems that iterative solvers solve slowly. ``iterative`` is
-    the solver of large systems: ``multigrid`` where the form has symmetric operators and levels, ``direct`` where no
-    iterative solver is suitable.
+    ``manifold_dim`` is the dimension of the manifold. A ``factor`` above one favours the direct solver, for problems
+    that iterative solvers solve slowly. ``iterative`` is the solver of large systems: ``multigrid`` where the form has
+    symmetric operators and levels, ``direct`` where no iterative solver is suitable.
     """
     if name != "auto":
         return name
@@ -59,10 +59,10 @@ def _check_tolerance(tolerance: Any, label: str) -> float | None:
 
 
 def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
-    """Return the built-in solver ``name``, or a plugin's solver of that kind, with its options.
+    """Return the built-in solver ``name``, or a plugin's solver of that kind, with its ``options`` by name.
 
-    Raises SceneError if the plugin's solver has no such option. Raises PluginError if ``name`` is the kind of a source,
-    a condition or a back end.
+    A built-in solver ignores options that it does not have. Raises SceneError if a plugin's solver has no such option,
+    PluginError if ``name`` is the kind of a source, a condition or a back end.
     """
     if name in SOLVERS:
         return SOLVERS[name](**{key: value for key, value in options.items() if key in SOLVER_OPTIONS[name]})
@@ -73,8 +73,8 @@ def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
 def make_step_solver(options: SolverOptions, chosen: str) -> LinearSolver:
     """Return the solver of the systems M + factor A of time steps; ``chosen`` names the solver of other systems.
 
-    With ``auto``, multigrid is replaced by conjugate gradients with the diagonal where M dominates; reports name it.
-    Raises SceneError or PluginError as :func:`make_solver` does.
+    If the option ``solver`` is ``auto``, multigrid is replaced by conjugate gradients with the diagonal where M
+    dominates; reports name it. Raises SceneError or PluginError as :func:`make_solver` does.
     """
     solver = make_solver(chosen, options.further)
     return JacobiOrMultigrid(solver) if options.solver == "auto" and isinstance(solver, MultigridSolver) else solver
@@ -103,7 +103,7 @@ class SolverOptions(DeclaredOptions):
     further: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the options declared here, the name of the solver, and the solver's own options."""
+        """Check the options declared here, the name of the solver, and its own options; raise InputError."""
         super().__post_init__()
         name, further = self.solver, self.further
         if name not in SOLVER_OPTIONS:
@@ -126,7 +126,7 @@ class SolverOptions(DeclaredOptions):
     def of(cls, keywords: Mapping[str, Any], others: Iterable[str] = ()) -> SolverOptions:
         """Return the options from ``keywords``; those that are not declared here are options of the solver itself.
 
-        The error for an unknown option suggests a similar name, among those of ``others`` too.
+        The InputError for an unknown option suggests a similar name, among those of ``others`` too.
         """
         selected = {name: keywords[name] for name in declared_options(cls) if name in keywords}
         further = {name: value for name, value in keywords.items() if name not in selected}
@@ -135,7 +135,7 @@ class SolverOptions(DeclaredOptions):
 
 
 def _check_further(solver: Any, further: Mapping[str, Any], others: Iterable[str] = ()) -> None:
-    """Raise an InputError for options that a built-in solver does not have; plugins check those of their solvers."""
+    """Raise InputError if ``further`` has an option that a built-in solver lacks; ``others`` are suggested too."""
     accepted = SOLVER_OPTIONS.get(solver) if isinstance(solver, str) else None
     unknown = [] if accepted is None else [key for key in further if key not in accepted]
     if accepted is not None and unknown:

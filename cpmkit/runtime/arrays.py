@@ -17,12 +17,10 @@ LARGEST_LENGTH = 1e50
 
 
 def as_points(x: Any, dim: int, label: str = "points") -> Floats:
-    """Return ``x`` as a C-contiguous (n, dim) float64 array of finite numbers.
+    """Return ``x`` as a C-contiguous (n, dim) float64 array of finite numbers, which may share the memory of ``x``.
 
-    Raises
-    ------
-    InputError
-        If the shape is not (n, dim), or an entry is not a finite number.
+    ``label`` names the data in messages. Raises InputError if the shape is not (n, dim), or an entry is not a finite
+    number.
     """
     points = np.ascontiguousarray(_as_floats(x, f"{label} must be numbers of shape (n, {dim})"))
     if points.ndim != 2 or points.shape[1] != dim:
@@ -38,10 +36,8 @@ def as_points(x: Any, dim: int, label: str = "points") -> Floats:
 def as_positions(x: Any, dim: int, label: str = "points") -> Floats:
     """Return ``x`` as a (n, dim) float64 array of points whose size permits computing areas and volumes.
 
-    Raises
-    ------
-    InputError
-        If ``x`` is not (n, dim) finite numbers, or fails :func:`check_size`.
+    ``label`` names the points in messages. Raises InputError if ``x`` is not (n, dim) finite numbers, or fails
+    :func:`check_size`.
     """
     points = as_points(x, dim, label)
     check_size(points, label)
@@ -51,10 +47,8 @@ def as_positions(x: Any, dim: int, label: str = "points") -> Floats:
 def check_size(points: Floats, label: str) -> None:
     """Raise if coordinates of ``points`` (n, d) are too large, or their extent too small, to compute with.
 
-    Raises
-    ------
-    InputError
-        If a coordinate is above :data:`LARGEST_LENGTH`, or the extent below its inverse but not zero.
+    ``label`` names the points in messages. Raises InputError if a coordinate is larger in size than
+    :data:`LARGEST_LENGTH`, or the largest side of the bounding box is below the inverse of this number but not zero.
     """
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > LARGEST_LENGTH:
@@ -72,10 +66,7 @@ def check_size(points: Floats, label: str) -> None:
 def length(x: Any, label: str) -> float:
     """Return ``x`` as a float if it is a length between 1 / :data:`LARGEST_LENGTH` and :data:`LARGEST_LENGTH`.
 
-    Raises
-    ------
-    InputError
-        If ``x`` is not such a number.
+    Raises InputError, whose message begins with ``label``, if ``x`` is not such a number.
     """
     value = positive(x, label)
     if not 1.0 / LARGEST_LENGTH <= value <= LARGEST_LENGTH:
@@ -87,12 +78,9 @@ def length(x: Any, label: str) -> float:
 
 
 def as_vector(x: Any, dim: int, label: str) -> Floats:
-    """Return ``x`` as a (dim,) float64 array of finite numbers.
+    """Return ``x`` as a new (dim,) float64 array of finite numbers.
 
-    Raises
-    ------
-    InputError
-        If ``x`` is not ``dim`` finite numbers.
+    Raises InputError, whose message begins with ``label``, if ``x`` is not ``dim`` finite numbers.
     """
     vector = np.array(_as_floats(x, f"{label} must be {dim} numbers"))
     if vector.shape != (dim,) or not np.isfinite(vector).all():
@@ -101,7 +89,7 @@ def as_vector(x: Any, dim: int, label: str) -> Floats:
 
 
 def _as_floats(x: Any, accepted: str) -> Floats:
-    """Return ``x`` as float64; raise an InputError that begins with ``accepted`` if an entry is not a number."""
+    """Return ``x`` as float64, not copied if possible; raise InputError, which begins with ``accepted``, otherwise."""
     with suppress(TypeError, ValueError, OverflowError):
         # NumPy would convert texts, dates and truth values to numbers, in lists also those beside numbers.
         entries = np.asarray(x, dtype=object).flat if isinstance(x, (list, tuple)) else ()
@@ -113,7 +101,7 @@ def _as_floats(x: Any, accepted: str) -> Floats:
 def number(x: Any, label: str) -> float:
     """Return ``x`` as a float if it is a finite number; truth values and text are refused.
 
-    Raises InputError if ``x`` is not a finite number.
+    Raises InputError, whose message begins with ``label``, if ``x`` is not a finite number.
     """
     value = _as_float(x)
     if not np.isfinite(value):
@@ -124,10 +112,7 @@ def number(x: Any, label: str) -> float:
 def positive(x: Any, label: str) -> float:
     """Return ``x`` as a float if it is a finite number above zero; truth values and text are refused.
 
-    Raises
-    ------
-    InputError
-        If ``x`` is not such a number.
+    Raises InputError, whose message begins with ``label``, if ``x`` is not such a number.
     """
     value = _as_float(x)
     if not (np.isfinite(value) and value > 0):
@@ -150,10 +135,7 @@ def _as_float(x: Any) -> float:
 def whole(x: Any, label: str, least: int = 0, most: int | None = None) -> int:
     """Return ``x`` as an int if it is a whole number from ``least`` to ``most``; True, text and 2.0 are refused.
 
-    Raises
-    ------
-    InputError
-        If ``x`` is not such a number.
+    Without ``most`` there is no upper bound. Raises InputError, whose message begins with ``label``, for other ``x``.
     """
     accepted = isinstance(x, (int, np.integer)) and not isinstance(x, bool)
     if not accepted or x < least or (most is not None and x > most):
@@ -163,14 +145,10 @@ def whole(x: Any, label: str, least: int = 0, most: int | None = None) -> int:
 
 
 def one_row_each(values: Any, count: int, label: str) -> Floats:
-    """Return ``values``, data of a source, as float64 if there is a row for each of its ``count`` vertices or samples.
+    """Return ``values`` (count, ...), data of a source, as float64.
 
-    ``label`` names these in the message.
-
-    Raises
-    ------
-    InputError
-        If the number of rows differs.
+    ``label`` names the ``count`` vertices or samples in the message. Raises InputError if the number of rows is not
+    ``count``.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or len(array) != count:
@@ -246,7 +224,7 @@ def as_colour(colour: Any, label: str = "a colour") -> Floats:
 def as_colours(colours: Any, label: str = "colours") -> Floats:
     """Return ``colours``, (k, 3) numbers from 0 to 1 in sRGB, as float64.
 
-    Raises InputError if the shape differs, or a number is outside of this range.
+    Raises InputError, whose message begins with ``label``, if the shape differs, or a number is outside of this range.
     """
     checked = as_points(colours, 3, label)
     outside = checked[(checked < 0) | (checked > 1)]
@@ -256,5 +234,5 @@ def as_colours(colours: Any, label: str = "colours") -> Floats:
 
 
 def not_negative(x: Any, label: str) -> float:
-    """Return ``x`` as a float if it is a finite number of at least zero, else raise an InputError with ``label``."""
+    """Return ``x`` as a float if it is a finite number of at least zero; else raise an InputError with ``label``."""
     return positive(x, f"{label}, where it is not zero,") if number(x, label) != 0 else 0.0

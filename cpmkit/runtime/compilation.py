@@ -20,10 +20,11 @@ logger = logging.getLogger("cpmkit")
 
 
 def compiled(function: Function, **further: Any) -> Function:
-    """Return ``function`` compiled by numba; it releases the interpreter's lock and is cached on disk where possible.
+    """Return ``function`` compiled by numba, at its first call; it releases the interpreter's lock.
 
-    The cached code is renewed when the file of ``function`` changes, but not when the file of a kernel that it calls
-    changes: touch the callers' files after a change of such a kernel. ``further`` are options of numba.
+    The code is cached on disk; without a folder for it, a CpmkitWarning is issued and each process compiles anew. The
+    cache is renewed when the file of ``function`` changes, but not when the file of a kernel that it calls changes:
+    touch the callers' files after a change of such a kernel. ``further`` are options of numba.
     """
     njit, options = _njit(), {"nogil": True, "error_model": "numpy", **further}
     try:
@@ -35,12 +36,12 @@ def compiled(function: Function, **further: Any) -> Function:
 
 
 def compiled_reordered(function: Function) -> Function:
-    """Return ``function`` compiled with sums in any order, so that scalar products use vector instructions."""
+    """Return ``function`` compiled as :func:`compiled` does, with sums in any order: they use vector instructions."""
     return compiled(function, fastmath={"reassoc", "contract", "nsz"})
 
 
 def _njit() -> Any:
-    """Return numba's decorator, without the cache folder that a file in the working directory may name."""
+    """Return numba's decorator after setting NUMBA_CACHE_DIR to "", if it is not set, and registering the listener."""
     # Numba reads .numba_config.yaml in the working directory, and would run compiled code from the folder named there.
     os.environ.setdefault("NUMBA_CACHE_DIR", "")
     from numba import njit
@@ -51,17 +52,17 @@ def _njit() -> Any:
 
 @cache
 def _register_listener() -> None:
-    """Register a listener that reports each compilation, which takes seconds, to the logger and to the progress."""
+    """Register with numba, once a process, a listener that reports each compilation to logger and progress."""
     from numba.core import event
 
     event.register("numba:compile", _compilation_listener(event.Listener))
 
 
 def _compilation_listener(base: type) -> Any:
-    """Return a listener, of class ``base``, of numba's events that reports compiled kernels, not cached ones."""
+    """Return a listener of numba's events, of a subclass of ``base``, that reports each compilation."""
 
     def on_start(_: object, started: Any) -> None:
-        """Report the kernel whose compilation has started."""
+        """Report the kernel whose compilation has started; ``started`` is numba's event."""
         if not kernels:
             logger.info(
                 "Kernels are compiled at their first use, which takes some twenty seconds; they are kept on disk."
@@ -76,7 +77,7 @@ def _compilation_listener(base: type) -> Any:
 
 @cache
 def _warn_of_no_cache() -> None:
-    """Warn, once a process, that compiled kernels cannot be kept on disk."""
+    """Issue a CpmkitWarning, once a process, that compiled kernels cannot be kept on disk."""
     warnings.warn(
         "There is no folder in which compiled kernels can be kept, so that each run compiles them anew, which takes "
         "some twenty seconds; name one that may be written to in the environment variable NUMBA_CACHE_DIR.",
@@ -86,6 +87,6 @@ def _warn_of_no_cache() -> None:
 
 
 def inlined(function: Function) -> Function:
-    """Return ``function`` compiled for inlining into each kernel that calls it, so that the call takes no time."""
+    """Return ``function`` compiled, without a cache, for inlining into kernels, so that the call takes no time."""
     kernel: Function = _njit()(nogil=True, error_model="numpy", forceinline=True)(function)
     return kernel

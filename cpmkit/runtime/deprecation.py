@@ -26,7 +26,7 @@ def lazy_names(
     modules = {name: module for module, names in table for name in names}
 
     def get(name: str) -> Any:
-        """Return the object with this name, imported from its module and stored in the package."""
+        """Return the object ``name``, imported and stored in the package; raise AttributeError if it is not listed."""
         if name not in modules:
             message = f"module {package!r} has no attribute {name!r}{advice}"
             raise AttributeError(message, name=name, obj=sys.modules[package])
@@ -44,7 +44,7 @@ class RenamedWarning(CpmkitWarning, DeprecationWarning):
 
 
 def warn_renamed(old: str, new: str) -> None:
-    """Issue a RenamedWarning, attributed to the nearest caller outside cpmkit: Python shows it to the author there."""
+    """Issue a RenamedWarning that ``old`` is now called ``new``, attributed to the nearest caller outside cpmkit."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] == "cpmkit":
         frame, level = frame.f_back, level + 1
@@ -63,7 +63,7 @@ def deprecated_names(
     """
 
     def get(name: str) -> Any:
-        """Return the object with this old name, with a warning, or that of ``otherwise``."""
+        """Return the object with the old ``name`` and warn with RenamedWarning, or return ``otherwise(name)``."""
         if name in new_names:
             place, _, new = new_names[name].rpartition(".")
             warn_renamed(f"{module}.{name}", new_names[name])
@@ -90,9 +90,9 @@ class DeprecatedMember:
 
 
 def current_keywords(keywords: Mapping[str, Any], new_names: Mapping[str, str]) -> dict[str, Any]:
-    """Return keywords, or keys of a file, under their new names, and warn of each old name.
+    """Return keywords, or keys of a file, under their new names, and issue a RenamedWarning for each old name.
 
-    Raises InputError if a value is given under both names.
+    ``new_names`` has the new name of each old name. Raises InputError if a value is given under both names.
     """
     current: dict[str, Any] = {}
     for name, value in keywords.items():
@@ -106,7 +106,7 @@ def current_keywords(keywords: Mapping[str, Any], new_names: Mapping[str, str]) 
 
 
 def deprecated_keywords(**new_names: str) -> Callable[[Function], Function]:
-    """Return a decorator with which a function also accepts old keywords: ``old="new"``."""
+    """Return a decorator with which a function also accepts old keywords, with a RenamedWarning: ``old="new"``."""
 
     def decorate(function: Function) -> Function:
         """Return the function, called with old keywords replaced by new ones."""

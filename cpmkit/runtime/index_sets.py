@@ -16,7 +16,7 @@ from cpmkit.types import Ints
 
 @compiled
 def find_root(parent: Any, i: int) -> int:
-    """Return the root of the set that contains ``i``, and shorten the path from ``i`` to it."""
+    """Return the root of the set that contains ``i``, and shorten the path from ``i`` to it in ``parent`` (n,)."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -42,10 +42,10 @@ def unite_pairs(parent: Any, pairs: Any) -> None:
 
 @compiled
 def unite_rows(parent: Any, starts: Any, columns: Any, first_row: int, first_column: int) -> None:
-    """Unite the set of each row of a sparse matrix with those of the columns in which it has entries.
+    """Unite the set of each row of a sparse matrix with those of its nonzero columns, in place in ``parent`` (n,).
 
-    The matrix is given by its CSR arrays. Row i has the number ``first_row + i``, and column j has the number
-    ``first_column + j``.
+    The matrix is given by the CSR arrays ``starts`` and ``columns``. Row i has the number ``first_row + i``, and column
+    j has the number ``first_column + j``.
     """
     for i in range(len(starts) - 1):
         for k in range(starts[i], starts[i + 1]):
@@ -54,7 +54,7 @@ def unite_rows(parent: Any, starts: Any, columns: Any, first_row: int, first_col
 
 @compiled
 def label_sets(parent: Any) -> tuple[int, Ints]:
-    """Return the number of sets, and for each number the label (n,) of its set; labels ascend with the roots."""
+    """Return the number of sets, and the label (n,) of each number's set, ascending with the roots; shorten paths."""
     label = np.empty(len(parent), dtype=np.int64)
     sets = 0
     for i in range(len(parent)):
@@ -71,7 +71,7 @@ def label_sets(parent: Any) -> tuple[int, Ints]:
 def inverse_index(values: Any, n: int) -> tuple[Ints, Any]:
     """Return the positions of each integer below ``n`` in ``values``, in compressed rows.
 
-    ``values`` (k,) integers: integers from 0 to n - 1.
+    ``values`` (k,): integers from 0 to n - 1.
     ``n``: number of integers that may occur.
     Returned ``starts`` (n + 1,): the positions of i are ``places[starts[i] : starts[i + 1]]``, ascending.
     Returned ``places`` (k,) of the type of ``values``: positions in ``values``.

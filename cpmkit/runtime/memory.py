@@ -39,7 +39,7 @@ def machine_bytes() -> int:
 
 
 def memory_limit() -> MemoryLimit:
-    """Return the smallest limit: what the machine or control groups (containers) have, or ``ulimit`` leaves."""
+    """Return the smallest limit: memory of the machine, of control groups (containers), or left by ``ulimit``."""
     fifth_of_second = int(time.monotonic() / 0.2)
     groups = _group_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"), fifth_of_second)
     limits = [MemoryLimit(machine_bytes(), "this machine has"), *groups, *_process_limits()]
@@ -47,7 +47,7 @@ def memory_limit() -> MemoryLimit:
 
 
 def available_bytes() -> int:
-    """Return the bytes of the smallest limit: those that this process may have or, under ``ulimit``, still get."""
+    """Return the bytes of :func:`memory_limit`: those that this process may have or, under ``ulimit``, still get."""
     return memory_limit().bytes
 
 
@@ -82,8 +82,8 @@ def _status_bytes(row: str) -> int | None:
 def _group_limits(own: Path, groups: Path, moment: int) -> list[MemoryLimit]:
     """Return the limits of this process's control groups, version 1 and 2, and of the groups that contain them.
 
-    ``moment`` only serves as a key of the cache: within it the files are read once. Small solves ask several times,
-    and reading would take a twentieth of their time.
+    ``own`` is the file that lists the groups of the process, ``groups`` the folder of all groups. ``moment`` is only a
+    key of the cache: within it the files are read once, as reading would take a twentieth of the time of small solves.
     """
     del moment
     texts = [_text_of(file).strip() for file in _group_files(own, groups)]
@@ -93,7 +93,7 @@ def _group_limits(own: Path, groups: Path, moment: int) -> list[MemoryLimit]:
 
 @cache
 def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
-    """Return the files that may contain the limits of the control groups; they are listed once a process."""
+    """Return the files in ``groups`` that may contain limits of the groups listed in the file ``own``; cached."""
     files: list[Path] = []
     lines = _text_of(own).splitlines()
     for number, controllers, path in (line.split(":", 2) for line in lines if line.count(":") >= 2):
@@ -109,7 +109,7 @@ def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
 
 
 def _text_of(file: Path) -> str:
-    """Return the text of a file of the kernel, empty if there is no such file."""
+    """Return the text of a file of the kernel, empty if it cannot be read."""
     try:
         with file.open("rb", buffering=0) as read:  # a few lines, which a solve reads a dozen times
             return read.readall().decode("utf-8", errors="replace")
@@ -118,7 +118,7 @@ def _text_of(file: Path) -> str:
 
 
 def release_memory() -> None:
-    """Return freed memory of a large process to the system, if the C library supports it (glibc does).
+    """Return freed memory of a process of 512 MiB or more to the system, if the C library supports it (glibc does).
 
     The C library keeps freed memory for later allocations, in gaps between used memory that are too small for larger
     arrays: after tables of many sizes these gaps are a tenth of the used memory.
@@ -129,16 +129,17 @@ def release_memory() -> None:
 
 
 def trim_heap() -> None:
-    """Return all freed memory to the system, if the C library supports it."""
+    """Return all freed memory to the system on Linux, if the C library supports it; else do nothing."""
     if sys.platform.startswith("linux"):
         with suppress(OSError, AttributeError):  # a program without shared libraries, or another C library
             ctypes.CDLL(None).malloc_trim(0)
 
 
 def reset_peak_memory() -> int | None:
-    """Reset the peak of this process's memory to the memory now in use, and return these bytes.
+    """Reset the peak of this process's memory to the memory now in use, and return the number of bytes in use.
 
-    Freed memory is released before. The result is None where the system reports no peak (only Linux does).
+    Garbage is collected, and freed memory released, before. The result is None where the system reports no peak (only
+    Linux does).
     """
     gc.collect()
     trim_heap()
@@ -150,7 +151,7 @@ def reset_peak_memory() -> int | None:
 
 
 def peak_growth_bytes(before: int | None) -> int | None:
-    """Return by how many bytes the peak since :func:`reset_peak_memory` exceeds ``before``, which that returned."""
+    """Return by how many bytes the peak exceeds ``before``, from :func:`reset_peak_memory`; None if unknown."""
     peak = None if before is None else _status_bytes("VmHWM")
     return None if peak is None or before is None else max(peak - before, 0)
 

@@ -27,7 +27,7 @@ def did_you_mean(word: object, accepted: Iterable[str]) -> str:
 
 
 def html_table(title: str, rows: Iterable[tuple[str, str]], picture: bytes | None = None) -> str:
-    """Return an HTML table of ``rows`` (name, value) for notebooks, below a PNG ``picture`` if given."""
+    """Return an HTML table of ``rows`` (name, value) for notebooks, below its title and the PNG ``picture`` if any."""
     image = ""
     if picture is not None:
         from base64 import b64encode
@@ -60,17 +60,17 @@ def install_command(extra: str) -> str:
 
 
 def warn_each(sentences: Iterable[str], stacklevel: int = 2) -> None:
-    """Issue each different sentence as a CpmkitWarning, attributed to the caller ``stacklevel`` frames up."""
+    """Issue each different sentence as a CpmkitWarning, attributed to the frame ``stacklevel`` frames above."""
     for sentence in dict.fromkeys(sentences):
         warnings.warn(printable(sentence), CpmkitWarning, stacklevel=stacklevel + 1)
 
 
 @contextmanager
 def collected_warnings() -> Iterator[list[str]]:
-    """Collect the sentences of all CpmkitWarnings of the block, each once, in the list that is yielded.
+    """Yield a list that collects the sentences of all CpmkitWarnings of the block, each once, instead of showing them.
 
-    They are not shown; warnings of other categories are. It is not for several threads at a time, because Python's
-    warning filters belong to the process.
+    Warnings of other categories are shown. It is not for several threads at a time, because Python's warning filters
+    belong to the process.
     """
     sentences: list[str] = []
     with warnings.catch_warnings():

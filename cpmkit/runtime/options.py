@@ -34,7 +34,7 @@ class Option:
     methods: Mapping[str, Any] = field(default_factory=dict)
 
     def accepts(self, value: Any) -> bool:
-        """Return whether a value passes the check."""
+        """Return whether a value passes the check, that is, whether the check raises no InputError."""
         try:
             self.check(value, "")
         except InputError:
@@ -43,7 +43,7 @@ class Option:
 
 
 def option(default: Any, summary: str, check: Callable[[Any, str], Any] = lambda value, _: value, **study: Any) -> Any:
-    """Return the dataclass field that declares an option; ``study`` may give its ``plural`` or ``methods``."""
+    """Return the dataclass field of an option; parameters are those of :class:`Option`, any value passes by default."""
     return field(default=default, metadata={OPTION_KEY: Option(summary, check, **study)})
 
 
@@ -66,7 +66,7 @@ def declared_options(kind: type[DeclaredOptions]) -> dict[str, Option]:
 
 
 def either_option(first: Option, second: Option) -> Option:
-    """Return the declaration of an option that two classes declare; it accepts the values that either accepts."""
+    """Return the declaration of an option of two classes: values pass the check of ``second``, or else of ``first``."""
 
     def check(value: Any, label: str) -> Any:
         return (second if second.accepts(value) else first).check(value, label)
@@ -80,17 +80,18 @@ def split_options(
 ) -> tuple[OptionsClass, dict[str, Any]]:
     """Return an instance of ``kind`` made of its options among ``keywords``, and the other keywords.
 
-    ``further`` are fields of the instance that do not come from ``keywords``.
+    ``further`` are fields of the instance that take precedence over ``keywords``. Raises InputError if an option is not
+    accepted.
     """
     selected = {name: keywords[name] for name in declared_options(kind) if name in keywords and name not in further}
     return kind(**selected, **further), {name: value for name, value in keywords.items() if name not in selected}
 
 
 def document_options(*kinds: type[DeclaredOptions]) -> Callable[[Function], Function]:
-    """Return a decorator that inserts the options of ``kinds`` before ``**options`` in signature and docstring.
+    """Return a decorator that inserts options before ``**options`` in signature and docstring, in place.
 
-    If several classes declare an option, all its summaries are shown, and ``...`` as its default. Options that are
-    parameters of the function already are left out.
+    If several of the ``kinds`` declare an option, all its summaries are shown, and ``...`` as its default. Options that
+    are parameters of the function already are left out.
     """
 
     def document(function: Function) -> Function:
@@ -125,7 +126,8 @@ TYPE_WORDS = {bool: "true or false", int: "a whole number", float: "a number", s
 def check_key_types(make: Callable[..., Any], label: str, table: Mapping[str, Any]) -> None:
     """Raise if a value does not have one of the plain types that the factory ``make`` declares for this parameter.
 
-    Raises SceneError for the first such key of the ``table``, called ``label``; the message states the accepted types.
+    ``table`` has the values by parameter name. Raises SceneError for the first wrong value; the message calls the table
+    ``label`` and states the accepted types. Parameters with other annotations, or none, are not checked.
     """
     try:
         hints = get_type_hints(make)

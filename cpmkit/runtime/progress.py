@@ -77,9 +77,10 @@ class ProgressLine:
 
 @contextmanager
 def shown_progress(target: ShownProgress, clock: Callable[[], float] = time.perf_counter) -> Iterator[Progress]:
-    """Yield the progress callback for the block: ``target`` itself, a bar, or a callback that does nothing.
+    """Yield the progress callback in use during the block: ``target`` itself, a bar, or one that does nothing.
 
-    Raises InputError if ``target`` is not a callable, True, False or None.
+    ``target`` True shows a bar at once, None after two seconds if a person reads the standard error stream, False
+    never. ``clock`` returns seconds. Raises InputError for any other ``target`` that is not callable.
     """
     if not callable(target) and target is not None and not isinstance(target, bool):
         raise InputError(f"progress must be True, False or a function of a stage and a share, got {shown(target)}.")
@@ -112,7 +113,7 @@ class DelayedBar:
         self._bar: Any = None
 
     def __call__(self, stage: str, fraction: float) -> None:
-        """Show that ``fraction`` of ``stage`` is done."""
+        """Show that ``fraction`` of ``stage`` is done, if the time without a bar is over."""
         if self._bar is None:
             if self._clock() - self._since < self._silent:
                 return

@@ -22,10 +22,7 @@ def processors() -> int:
 def thread_count() -> int:
     """Return the number of threads: ``CPMKIT_THREADS``, or the number of cores that this process may use.
 
-    Raises
-    ------
-    InputError
-        If ``CPMKIT_THREADS`` is not a whole number above zero.
+    Raises InputError if ``CPMKIT_THREADS`` is set and not a whole number above zero.
     """
     setting = os.environ.get("CPMKIT_THREADS")
     if not setting:
@@ -48,8 +45,8 @@ if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none
 def run_parcels(work: Callable[[int, int], object], count: int, size: int = 4096) -> None:
     """Call ``work(start, stop)`` on all threads for consecutive parts of ``range(count)``, each of at most ``size``.
 
-    The default size is for closest point queries: so few that a busy core does not delay the others.
-    An exception in a parcel is raised to the caller.
+    It returns when all parts are done, and raises the exception of a part. The default size is for closest point
+    queries: so few that a busy core does not delay the others.
     """
     starts = range(0, count, size)
     threads = thread_count()

@@ -62,7 +62,7 @@ class Cycle:
         return self.smoothers[0].products if self.smoothers else 0
 
     def apply(self, b: Floats, depth: int = 0) -> Floats:
-        """Return an approximate solution x (n, channels) of ``A x = b`` on level ``depth``."""
+        """Return an approximate solution x (n, channels) of ``A x = b`` on level ``depth``, 0 being the finest."""
         if depth == len(self.smoothers):
             return np.ascontiguousarray(self.coarsest.solve(b))
         smoother, prolongation = self.smoothers[depth], self.prolongations[depth]
@@ -116,8 +116,9 @@ def build_cycle(
 def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> Cycle:
     """Return the cycle of a matrix with advection, down to a level that fits into one block, or to the last level.
 
-    From the coarsest level on, a correction is prolonged to the next finer level and followed by a step there. Raises
-    RuntimeError if a block is singular.
+    From the coarsest level on, a correction is prolonged to the next finer level and followed by a step there.
+    ``levels`` are the steps to coarser levels, from the finest on. Raises RuntimeError if a block or the coarsest
+    matrix is singular.
     """
     matrices, prolongations = [matrix], []
     for level in levels:
@@ -131,7 +132,7 @@ def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> Cycle:
 
 
 def stabilise_lines(matrix: csr_array, lines: Ints) -> csr_array:
-    """Return a coarser matrix plus a penalty on differences of order k - 1 of the unknowns of ``lines`` (r, k)."""
+    """Return a coarser matrix plus a small penalty on differences of order k - 1 of the unknowns ``lines`` (r, k)."""
     from scipy.sparse import csr_array
 
     r, k = lines.shape
@@ -145,7 +146,8 @@ def stabilise_lines(matrix: csr_array, lines: Ints) -> csr_array:
 def _smoother(matrix: csr_array, strip: Ints, waves: bool, kind: Any, sweeps: int) -> Smoother:
     """Return the smoother of a level, with entries of the type ``kind``, which solves exactly for the ``strip`` (k,).
 
-    Raises IndefiniteError if an entry of the diagonal or an eigenvalue has the wrong sign.
+    ``sweeps`` is the number of Gauss-Seidel sweeps; for ``waves``, or where products use all threads, it is Chebyshev's
+    iteration. Raises IndefiniteError if an entry of the diagonal or an eigenvalue of the strip has the wrong sign.
     """
     diagonal = matrix.diagonal()
     swept = abs(diagonal) > ZERO_DIAGONAL_SHARE * diagonal.max()
@@ -182,7 +184,7 @@ def _without_singular(strip: Ints, piece: Ints) -> Ints:
 def largest_eigenvalue(matrix: UnsignedCsr, inverse: Floats) -> float:
     """Return an estimate, from below, of the largest eigenvalue of ``D^-1 A`` by twelve steps of Lanczos' method.
 
-    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero; 1 without any.
+    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero; 1 without such unknowns.
     """
     root = np.sqrt(inverse)[:, None]
     v = np.random.default_rng(0).standard_normal(root.shape) * (root > 0)

@@ -71,7 +71,7 @@ class Chebyshev:
         return x, self.matrix.residual(x, b)
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x (n, channels) after three steps for ``A x = b`` from x; they are their own adjoint."""
+        """Return a new x (n, channels) after three steps for ``A x = b`` from x; they are their own adjoint."""
         return x + self.before(self.matrix.residual(x, b))[0]
 
 
@@ -94,10 +94,7 @@ class GaussSeidel:
         return 2 * self.sweeps
 
     def before(self, b: Floats) -> tuple[Floats, Floats]:
-        """Return x and ``b - A x``, both (n, channels), after backward sweeps from zero.
-
-        Equations are solved from the last to the first.
-        """
+        """Return x and ``b - A x``, both (n, channels), after backward sweeps (last equation first) from zero."""
         from cpmkit.linear.csr_kernels import sweep_backward
 
         rest, A = np.array(b.T, order="C"), self.matrix
@@ -176,7 +173,7 @@ class Schwarz:
         return np.zeros_like(b), b
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x (n, channels) after one solve on each block, all with the residual of ``A x = b`` at x."""
+        """Return x (n, channels), changed in place, after a solve on each block; its residual is ``b - A x`` at first."""
         residual = b - self.matrix @ x
         for own, unknowns, factors in self.blocks:
             x[own] += factors.solve(residual[unknowns])[np.searchsorted(unknowns, own)]
@@ -184,7 +181,7 @@ class Schwarz:
 
 
 def bisect_unknowns(matrix: csr_array) -> list[Ints]:
-    """Return the unknowns of ``matrix`` in compact parts of at most :data:`MAX_BLOCK_UNKNOWNS`, each ascending.
+    """Return the unknowns of ``matrix`` in compact parts (m,) of at most :data:`MAX_BLOCK_UNKNOWNS`, each ascending.
 
     A part is bisected into the first and the second half of a breadth-first search in the graph of the matrix, from an
     unknown at the end of each connected component.

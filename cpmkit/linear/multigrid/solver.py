@@ -36,9 +36,9 @@ class MultigridSolver:
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreconditionedCG | PreconditionedGMRES:
         """Return the Krylov iteration with its cycle: matrices of all levels, their smoothers and the coarsest factors.
 
-        Raises SceneError if the operator's sparsity pattern is not symmetric, it is indefinite with a border, its
-        coarsest level is too large to be factorised, or a part of it is singular. Raises ConvergenceError if it turns
-        out to have an eigenvalue of the wrong sign.
+        ``levels`` are the form's coarser levels. Raises SceneError if the operator's sparsity pattern is not symmetric,
+        it is indefinite with a border, its coarsest level is too large to be factorised, or a part of it is singular.
+        Raises ConvergenceError if it turns out to have an eigenvalue of the wrong sign.
         """
         inner = without_border(operator)
         waves = bool(getattr(inner, "indefinite", False))
@@ -59,10 +59,10 @@ class MultigridSolver:
     ) -> PreconditionedCG | PreconditionedGMRES:
         """Return the iteration for an operator; ``inner`` is the operator without its border.
 
-        The cycle of ``waves`` is that of A itself: smoothers damp components for which A is positive on all levels that
-        resolve a wave, and the coarsest of these levels, on which A has negative eigenvalues, is factorised without
-        change. Raises IndefiniteError if an eigenvalue has the wrong sign. Raises RuntimeError if a block of unknowns
-        is singular.
+        ``waves`` is whether A has eigenvalues of both signs. The cycle is then that of A itself: smoothers damp
+        components for which A is positive on all levels that resolve a wave, and the coarsest of these levels, on which
+        A has negative eigenvalues, is factorised without change. Raises IndefiniteError if an eigenvalue has the wrong
+        sign, RuntimeError if a block of unknowns is singular.
         """
         bordered = as_bordered(operator)
         if not inner.symmetric:
@@ -86,7 +86,7 @@ class MultigridSolver:
 
 
 def _check_coarsest(unknowns: int, size: int, waves: bool) -> None:
-    """Raise SceneError if the coarsest level has too many ``unknowns`` to be factorised; the finest has ``size``."""
+    """Raise SceneError if the coarsest level's ``unknowns`` are too many to be factorised; the finest has ``size``."""
     if waves and unknowns > MAX_FACTORISED_WAVES:
         raise SceneError(
             f"solver 'multigrid' factorises the coarsest level that resolves the waves, and it has {unknowns:,} of the "
