@@ -58,11 +58,11 @@ class Band:
 
     @property
     def first_twin(self) -> int:
-        """Number of inner nodes that are no twins: the twins are the nodes from this number up to ``inner``."""
+        """Number of inner nodes that are no twins: inner twins have the numbers from this up to ``inner``."""
         return self.inner if self.sheets is None else self.own_inner
 
     def neighbours(self) -> tuple[Ints, Ints]:
-        """Return the lower (k,) and the upper node (k,) of all pairs of adjacent inner nodes that are no twins."""
+        """Return the numbers of the lower (k,) and upper (k,) node of all pairs of adjacent inner nodes, no twins."""
         nodes = np.arange(self.first_twin)
         pairs = []
         for axis in np.eye(self.dim, dtype=np.int64):
@@ -72,11 +72,11 @@ class Band:
         return first, second
 
     def find_inner(self, nodes: Ints) -> Ints:
-        """Return the numbers of integer ``nodes`` (..., d) among the inner nodes, -1 where they are not inner."""
+        """Return the numbers (...) of integer ``nodes`` (..., d) among the inner nodes but twins, -1 for others."""
         return find_codes(self._inner_codes, self.codes.encode(nodes))
 
     def find(self, nodes: Ints) -> Ints:
-        """Return the numbers of integer ``nodes`` (..., d) in the band, -1 outside it."""
+        """Return the numbers (...) of integer ``nodes`` (..., d) in the band, not of twins; -1 for nodes outside it."""
         codes = self.codes.encode(nodes)
         inner, outer = find_codes(self._inner_codes, codes), find_codes(self._outer_codes, codes)
         return np.where(inner >= 0, inner, np.where(outer >= 0, outer + self.inner, -1))
@@ -94,10 +94,10 @@ class Band:
 
 
 def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
-    """Return the interpolation cells (c, d) that contain points of the manifold, and a few cells next to these.
+    """Return the indices (c, d) of the interpolation cells that contain points of the manifold, and a few beside them.
 
-    Raises ResolutionError if the cells cannot be numbered, or their band would not fit into memory, as soon as the
-    estimate shows it.
+    ``spacing`` is that of the lattice, ``degree`` that of the interpolation. Raises ResolutionError if the cells cannot
+    be numbered, or as soon as an estimate shows that their band does not fit into memory.
     """
     manifold_dim = source.largest_dim
     for side, blocks in cell_levels(source, spacing, base_offset(degree)):
@@ -109,7 +109,7 @@ def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
 
 
 def stencil_codes(cells: Ints, codes: Codes, degree: int) -> Ints:
-    """Return the sorted codes (n,), in the numbering ``codes``, of all nodes of the stencils of ``cells`` (c, d)."""
+    """Return the sorted codes (n,), in the numbering ``codes``, of the nodes of the stencils of ``cells`` (c, d)."""
     nodes = np.sort(codes.encode(cells))
     for axis in range(cells.shape[1]):
         nodes = codes.dilate(nodes, axis, stencil_range(degree))
@@ -120,12 +120,9 @@ def build_band(source: LocalSource, spacing: float, degree: int, progress: Progr
     """Return the band of ``source``: its nodes and their closest points.
 
     The stencil of every surface point is in the band, not only those of the nodes' closest points, so that a solution
-    can be evaluated anywhere. Outer nodes reach one node farther along each axis.
-
-    Raises
-    ------
-    ResolutionError
-        If the band would not fit into memory, or the source has no point inside its bounds.
+    can be evaluated anywhere. Outer nodes reach one node farther along each axis. ``degree`` is that of the
+    interpolation; ``progress`` gets "band" and the share of closest points that is computed. Raises ResolutionError if
+    the band does not fit into memory or cannot be numbered, or the source has no point inside its bounds.
     """
     progress("band", 0.0)
     cells = surface_cells(source, spacing, degree)
@@ -143,7 +140,7 @@ def build_band(source: LocalSource, spacing: float, degree: int, progress: Progr
 
 
 def _feet(source: LocalSource, nodes: Ints, spacing: float, progress: Progress) -> ClosestPoints:
-    """Return the closest points of ``nodes`` (n, d), integers, computed in batches."""
+    """Return the closest points of integer ``nodes`` (n, d), computed in batches; ``progress`` gets the share done."""
     parts = []
     for start in range(0, len(nodes), BATCH_NODES):
         progress("band", start / len(nodes))
@@ -155,7 +152,8 @@ def _feet(source: LocalSource, nodes: Ints, spacing: float, progress: Progress) 
 def stencil_nodes(band: Band, cells: Ints) -> Ints:
     """Return the band numbers (n, (p + 1)^d), int32, of the nodes of the interpolation stencils of ``cells`` (n, d).
 
-    Cells may repeat. Raises ResolutionError if a node is not an inner node of the band: the source contradicts itself.
+    The last axis varies fastest; p is the band's degree. Cells may repeat. Raises ResolutionError if a node is not an
+    inner node of the band: the source contradicts itself.
     """
     codes = band.codes.encode(cells)
     _, first, member = np.unique(codes, return_index=True, return_inverse=True)

@@ -48,7 +48,8 @@ class Lattice:
         """Return a tuple with a warning if the scene's coordinates are rounded too coarsely for the manifold, else ().
 
         ``bounds`` (2, d): bounds of the manifold, relative to the origin.
-        ``translated``: whether the source computes relative to the origin; if not, it rounds more.
+        ``translated``: whether the source computes relative to the origin; if not, its error is
+        :data:`FAR_OUT_ROUNDINGS`.
         """
         far, size = float(np.abs(bounds + self.origin).max()), float(np.ptp(bounds, axis=0).max())
         loss = float(np.spacing(far)) * (1.0 if translated else FAR_OUT_ROUNDINGS)
@@ -69,8 +70,8 @@ def lattice_of(
 ) -> Lattice:
     """Return the lattice with this spacing and a node at ``origin``, by default the centre of the surface's bounds.
 
-    Raises InputError if the origin is not d numbers. Raises ResolutionError if the spacing is more than the share
-    ``coarsest`` of the manifold's largest side.
+    ``origin`` is in the scene's coordinates; InputError is raised if it is not d finite numbers. Raises ResolutionError
+    if the spacing is more than the share ``coarsest`` of the manifold's largest side, unless that is zero.
     """
     bounds = np.asarray(surface.bounds, dtype=np.float64)
     largest = float((bounds[1] - bounds[0]).max())
@@ -120,13 +121,13 @@ class Codes:
         return np.stack(np.unravel_index(codes, tuple(self.shape)), axis=1).astype(np.int64) + self.lower
 
     def dilate(self, codes: Ints, axis: int, offsets: range) -> Ints:
-        """Return the sorted codes (m,) of points at ``offsets`` along ``axis`` from the points of ``codes`` (n,)."""
+        """Return the sorted codes (m,) of points ``offsets`` along ``axis`` from those of ``codes``, in the box."""
         shifted = codes[:, None] + self.strides[axis] * np.array(offsets, dtype=np.int64)
         return np.unique(shifted)
 
 
 def find_codes(sorted_codes: Ints, codes: Any) -> Ints:
-    """Return the positions of ``codes`` (...,) in ``sorted_codes`` (n,), -1 for codes that are not among these."""
+    """Return the positions (...) of ``codes`` (...) in ascending ``sorted_codes`` (n,), -1 for codes not in it."""
     position = np.searchsorted(sorted_codes, codes)
     position[position == len(sorted_codes)] = 0
     return (
@@ -145,21 +146,18 @@ def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> 
 
     A block is selected if the distance at its centre is at most half its diagonal. Since ``distance`` is 1-Lipschitz
     and at most the true distance, no block with a point of the manifold is missed, whatever the number of connected
-    components. At the last level, side 1, the blocks are cells.
+    components. At the last level, side 1, the blocks are cells. Raises ResolutionError or InputError if the cells of
+    the source's bounds cannot be numbered (:func:`check_numbered`).
     Differs from King et al. (2024), section 5.1, Algorithm 1, which searches from one node and finds one component.
 
     Parameters
     ----------
     source : LocalSource
+        The manifold.
     spacing : float
         Side of a cell.
     offset : float or (d,) float64
-        Shift of the cells against the nodes, in cells.
-
-    Raises
-    ------
-    ResolutionError, InputError
-        If the cells of the source's bounds cannot be numbered.
+        Cell k extends from (k - offset) to (k + 1 - offset) spacings along each axis.
     """
     check_numbered(source.bounds, spacing)
     cells = np.floor(source.bounds / spacing + offset).astype(np.int64)  # the first and the last along each axis
@@ -205,10 +203,10 @@ def check_numbered(bounds: Floats, spacing: float) -> None:
 
 
 def nodes_of_blocks(blocks: int, side: int, dim: int, manifold_dim: int, degree: int) -> float:
-    """Estimate the number of inner nodes of the band of a manifold that meets this many blocks.
+    """Return an estimate of the number of inner nodes of the band of a manifold that meets this many blocks.
 
-    A block of an m-dimensional manifold contains about side^m cells that meet it, each with about
-    0.9 (p + 1)^(d - m) nodes (measured on circle and sphere).
+    A block of an m-dimensional manifold contains about side^m cells that meet it, each with about 0.9 (p + 1)^(d - m)
+    nodes (measured on circle and sphere).
 
     ``blocks``, ``side``: number of blocks, and their side in cells.
     ``dim``, ``manifold_dim``: d and m.

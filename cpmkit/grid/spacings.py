@@ -25,12 +25,9 @@ SPARE_MEMORY_SHARE = 0.2
 
 
 def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
-    """Return ``spacing`` if it is a number above zero.
+    """Return ``spacing`` as a float if it is a finite number above zero.
 
-    Raises
-    ------
-    InputError
-        If it is None (the message suggests a spacing), or not above zero.
+    Raises InputError if it is not; if it is None, the message suggests a spacing for ``surface``.
     """
     if spacing is None:
         raise InputError(
@@ -41,7 +38,7 @@ def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
 
 
 def suggest_spacing(surface: ClosestPointSource) -> float:
-    """Return a spacing, rounded to two digits, for a fast solve that resolves the surface's overall shape."""
+    """Return a spacing, rounded to two digits, at which about :data:`SUGGESTED_CELLS` cells meet the surface."""
     source = localize(surface, np.zeros(surface.dim))
     bounds, manifold_dim = source.bounds, source.largest_dim
     size = float((bounds[1] - bounds[0]).max()) or 1.0
@@ -52,11 +49,10 @@ def suggest_spacing(surface: ClosestPointSource) -> float:
 
 
 def check_band_memory(source: LocalSource, unknowns: float, spacing: float, degree: int, excess: float = 1.0) -> None:
-    """Raise if a band of ``source`` with this number of unknowns does not fit into the memory of this process.
+    """Raise ResolutionError if a band with so many ``unknowns`` does not fit into the memory of this process.
 
-    ``excess`` is the factor by which the memory may be exceeded: above 1 while ``unknowns`` is a rough estimate.
-
-    Raises ResolutionError if it does not fit; the message states a spacing that does.
+    The message states a spacing of ``source`` that fits. ``degree`` is that of the interpolation, ``excess`` the factor
+    by which the memory may be exceeded: above 1 while ``unknowns`` is a rough estimate.
     """
     needed = unknowns * bytes_per_unknown(source.dim, degree)
     if needed > excess * memory.memory_limit().bytes:
@@ -71,12 +67,11 @@ def check_spacing_fits(
     solver: str = "reference",
     smaller_solver: str = "reference",
 ) -> None:
-    """Raise if a spacing is too fine for the memory of this process: if a solve with it needs more than there is.
+    """Raise ResolutionError if a solve needs more memory than this process has; the message states a spacing that fits.
 
     ``needed``, ``unknowns``, ``spacing``: bytes and unknowns of the solve, and the spacing.
     ``fitting``: returns the spacing that fits into a number of bytes.
     ``solver``, ``smaller_solver``: name of the solver, and of the solver to recommend in place of "direct".
-    Raises ResolutionError if it does not fit; the message states a spacing that does.
     """
     limit = memory.memory_limit()
     if needed > limit.bytes:
@@ -93,8 +88,8 @@ def bytes_per_unknown(
     """Return the bytes of tables and vectors for each unknown of a band, at the peak of a solve.
 
     ``dim``, ``degree`` and ``channels`` are the dimension of the space, the degree of the interpolation and the number
-    of right-hand sides, ``rows`` the rows of the extension E for each unknown, by default the usual number. The solver
-    ``direct`` needs, in place of the vectors, the memory of the assembled matrix and its factors.
+    of right-hand sides, ``rows`` the rows of the extension E for each unknown, by default the usual number. With
+    ``solver`` "direct" the matrix and its factors count in place of the vectors; other solvers count alike.
     """
     stencil: int = (degree + 1) ** dim
     rows = rows or (1.3 if dim == 3 else 1.5)
@@ -109,16 +104,18 @@ def fitting_spacing(source: LocalSource, degree: int, available: int, solver: st
     """Return a spacing, rounded up to two digits, at which a solve on a band fits into ``available`` bytes.
 
     A fifth of them is left unused. The result depends neither on the user's spacing nor on the lattice's origin.
+    ``degree`` and ``solver`` are as in :func:`bytes_per_unknown`.
     """
     unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / bytes_per_unknown(source.dim, degree, solver)
     return rounded_up((unknowns_at_unit_spacing(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
 
 
 def unknowns_at_unit_spacing(source: LocalSource, degree: int, counted: int = COUNTED_BLOCKS) -> float:
-    """Estimate the number of unknowns of a band, times the spacing to the power of the manifold's dimension.
+    """Return an estimate of the number of unknowns of a band, times the spacing to the power of the manifold dimension.
 
     The number of nodes follows from the first level of blocks (:func:`cell_levels`) of which more than ``counted`` meet
-    the manifold, else from the finest; parts thinner than a block count as thick as a block.
+    the manifold, else from the finest; parts thinner than a block count as thick as it. ``degree``: of the
+    interpolation.
     """
     extent = float((source.bounds[1] - source.bounds[0]).max()) or 1.0
     cell = extent * FINEST_CELL_SHARE
@@ -129,7 +126,7 @@ def unknowns_at_unit_spacing(source: LocalSource, degree: int, counted: int = CO
 
 
 def rounded_up(value: float) -> float:
-    """Return ``value``, above zero, rounded up to two digits."""
+    """Return ``value``, above zero, rounded up to two significant digits; an excess of 1e-9 over these is ignored."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.ceil(value / unit * (1 - 1e-9)) * unit:.2g}")
 

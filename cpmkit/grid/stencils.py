@@ -46,7 +46,7 @@ def stencil_cells(points: Floats, spacing: float, degree: int) -> tuple[Ints, Fl
 
 
 def lagrange_weights(fractions: Floats, degree: int) -> Floats:
-    """Return the weights (n, d, degree + 1) of one-dimensional Lagrange interpolation along each axis.
+    """Return the weights (n, d, degree + 1) of one-dimensional Lagrange interpolation along each axis, nodes ascending.
 
     The first barycentric form (Berrut and Trefethen 2004, eq. 3.1), ``l(t) lambda_k / (t - t_k)``, with the product
     ``l(t) / (t - t_k)`` written out, so that a point on a node is no special case. ``fractions`` (n, d) are those of
@@ -64,8 +64,8 @@ def lagrange_weights(fractions: Floats, degree: int) -> Floats:
 def tensor_weights(fractions: Floats, degree: int, along: int | None = None) -> Floats:
     """Return the weights (n, (degree + 1)^d) of tensor-product interpolation at ``fractions`` (n, d).
 
-    The last axis varies fastest. With an axis ``along``, return the derivatives of the weights with respect to the
-    fractions along it: per cell, not per unit of length.
+    The last axis varies fastest; fractions are those of :func:`stencil_cells`. With an axis ``along``, return the
+    derivatives of the weights with respect to the fractions along it: per cell, not per unit of length.
     """
     # King et al. (2024), eq. 1: the weights of the closest point extension.
     lines = lagrange_weights(fractions, degree)
@@ -78,7 +78,7 @@ def tensor_weights(fractions: Floats, degree: int, along: int | None = None) -> 
 
 
 def _lagrange_slopes(fractions: Floats, degree: int) -> Floats:
-    """Return the derivatives (n, degree + 1) of :func:`lagrange_weights` along one axis with ``fractions`` (n,)."""
+    """Return the derivatives (n, degree + 1) of Lagrange weights along one axis with respect to ``fractions`` (n,)."""
     nodes = np.array(stencil_range(degree), dtype=np.float64) + base_offset(degree)
     differences = fractions[:, None] - nodes
     slopes = np.zeros_like(differences)

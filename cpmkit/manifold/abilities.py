@@ -21,7 +21,7 @@ class HasNormals(Protocol):
     """A hypersurface that has unit normals of its own, on one side everywhere."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return unit normals (n, d) at ``feet``, which are closest points that this source returned."""
+        """Return unit normals (n, d) at ``feet``, which are n closest points that this source returned."""
 
 
 @runtime_checkable
@@ -99,7 +99,7 @@ class HasMesh(Protocol):
     """A source that has a mesh of itself, at any spacing."""
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) on the manifold and cells (m, k) of about the size ``spacing``.
+        """Return vertices (v, d) on the manifold and cells (m, k), vertex numbers, of about the size ``spacing``.
 
         ``k`` is 3 for triangles, 2 for segments, 1 for points. For a mixed union it is the largest of these that
         occurs, and rows of smaller cells end in -1.
@@ -116,7 +116,7 @@ class HasTranslation(Protocol):
     """
 
     def translate(self, offset: Floats, /) -> ClosestPointSource:
-        """Return the same source moved by ``offset`` (d,), with the same abilities."""
+        """Return the same source moved by ``offset`` (d,), in the scene's unit of length, with the same abilities."""
 
 
 @runtime_checkable
@@ -173,7 +173,7 @@ class HasAdvice(Protocol):
     """A source that states its accuracy, or warnings about solutions on it."""
 
     def advice(self, spacing: float, /) -> Advice:
-        """Return the advice for solutions at ``spacing``."""
+        """Return the advice for solutions on a lattice of this ``spacing``."""
 
 
 #: All optional abilities.
@@ -181,12 +181,12 @@ ABILITIES: tuple[type, ...] = tuple(ability for name, ability in tuple(globals()
 
 
 def members_of(source: ClosestPointSource) -> Sequence[ClosestPointSource]:
-    """Return the members of a union, or the source alone."""
+    """Return the members of a union; of any other source a tuple of the source alone."""
     return source.members if isinstance(source, HasMembers) else (source,)
 
 
 def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
-    """Return the feet within ``radius`` of the rows of ``x`` (n, d), after the row (k,) of each; unions ask members so.
+    """Return the row (k,) of ``x`` (n, d) of each foot within ``radius``, ascending, and these k feet.
 
     A source with the ability HasLocalMinima gives the feet on all sheets, any other at most the closest point of a row.
     """
@@ -214,7 +214,10 @@ def integral_floor_of(source: object, spacing: float) -> float:
 
 
 def has_finite_feet(source: ClosestPointSource) -> bool:
-    """Return whether ``source``, or a member of it, has finitely many points that stand for a manifold: is a cloud."""
+    """Return whether ``source``, or a member of it, has finitely many points that stand for a manifold: is a cloud.
+
+    Warns if a member states this by the deprecated attribute ``foot_count``.
+    """
     size = float(np.ptp(np.asarray(source.bounds, dtype=np.float64), axis=0).max()) or 1.0
     for member in members_of(source):
         if advice_of(member, size).foot_count is not None:

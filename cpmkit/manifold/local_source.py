@@ -63,12 +63,12 @@ class LocalSource:
 
     @property
     def dim(self) -> int:
-        """Dimension of the space."""
+        """Dimension d of the space."""
         return self.source.dim
 
     @property
     def manifold_dim(self) -> int | None:
-        """Dimension of the manifold."""
+        """Dimension of the manifold; None for a union of members of different dimensions."""
         return self.source.manifold_dim
 
     @property
@@ -100,11 +100,11 @@ class LocalSource:
 
     @property
     def largest_dim(self) -> int:
-        """The largest dimension of a member: the number of nodes grows with it."""
+        """Dimension of the manifold; of a union the largest of its members'; if unknown, that of the space."""
         return largest_dim(self.source)
 
     def dimensions_at(self, feet: ClosestPoints) -> Ints:
-        """Return the dimension (n,) of the manifold at ``feet``: of the member there; if unknown, of the space."""
+        """Return the dimension (n,) of the member that contains each of ``feet``; if unknown, that of the space."""
         dims = np.array([self.dim if member.manifold_dim is None else member.manifold_dim for member in self.members])
         return np.full(len(feet), dims[0]) if len(dims) == 1 else dims[feet.element]
 
@@ -132,12 +132,9 @@ class LocalSource:
     has_left = _ability(HasLeft, of_members=True)
 
     def closest_point(self, x: Floats) -> ClosestPoints:
-        """Return the closest points of ``x`` (n, d), both relative to the origin.
+        """Return the closest points of ``x`` (n, d), both relative to the origin, and count the queries in ``queries``.
 
-        Raises
-        ------
-        InputError
-            If the source's answer breaks its contract.
+        Raises InputError if the source's answer breaks its contract.
         """
         self.queries["points"] += len(x)
         answer = self.source.closest_point(np.ascontiguousarray(x + self.shift))
@@ -145,7 +142,7 @@ class LocalSource:
         return self._shift(answer, -self.shift)
 
     def local_minima(self, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
-        """Return the rows (k,) of ``x`` (n, d) of all feet within ``radius``, and these feet.
+        """Return the rows (k,) of ``x`` (n, d) of all feet within ``radius``, and these feet, relative to the origin.
 
         Rows ascend, the feet of a row by distance; a row counts as one query. Only for sources with local minima.
         Raises InputError if the source's answer breaks its contract.
@@ -157,7 +154,7 @@ class LocalSource:
         return rows, self._shift(feet, -self.shift)
 
     def _directions(self, name: str, feet: ClosestPoints) -> Floats:
-        """Return the unit vectors (n, d) at ``feet`` that the source's method ``name`` returns."""
+        """Return the vectors (n, d) that the source's method ``name`` returns at ``feet``, relative to the origin."""
         return np.asarray(getattr(self.source, name)(self._shift(feet, self.shift)))
 
     normals = partialmethod(_directions, "normals")
@@ -166,7 +163,7 @@ class LocalSource:
     leftward = partialmethod(_directions, "leftward")
 
     def _shift(self, feet: ClosestPoints, offset: Floats) -> ClosestPoints:
-        """Return ``feet`` moved by ``offset`` (d,); unchanged where the source was translated."""
+        """Return a copy of ``feet`` moved by ``offset`` (d,); ``feet`` unchanged where the source was translated."""
         return replace(feet, points=feet.points + offset) if self.shift.any() else feet
 
 
@@ -178,7 +175,8 @@ def largest_dim(source: ClosestPointSource) -> int:
 def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
     """Return ``source`` with queries and answers relative to ``origin`` (d,).
 
-    It is translated if it has a method for that, else its queries are shifted one by one.
+    It is translated if it has a method for that, else its queries are shifted one by one. Its deprecated method
+    ``translated`` causes a warning.
     """
     if not origin.any():
         return LocalSource(source, np.array(origin), of=source)
@@ -192,7 +190,7 @@ def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
 
 
 def with_noise(source: LocalSource, spacing: float) -> LocalSource:
-    """Return the source with its ``noise``, the random error of its feet, measured within half a ``spacing`` of it.
+    """Return a copy of the source with its ``noise``, the random error of feet, measured within half a ``spacing``.
 
     All points of the segment from a query to its foot have the same foot. Computed feet of such points coincide if they
     are exact, and lie on a smooth curve if their error is smooth; third differences along the segment leave the random

@@ -17,8 +17,8 @@ from cpmkit.types import Floats
 def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> list[str]:
     """Return a list with a warning if members of a union, of different dimension, are within 4 spacings, else [].
 
-    With spacing zero these are members that touch, up to rounding. The warning states the place of the nearest joint,
-    and the consequence for a solution on a band.
+    With ``spacing`` zero these are members that touch, up to rounding. The warning states the place of the nearest
+    joint, and the consequence for a solution on a band.
     """
     members = members_of(surface)
     touching = 1e-6 * float(np.ptp(np.asarray(surface.bounds, dtype=np.float64), axis=0).max())
@@ -51,8 +51,9 @@ def _nearest_approach(
 ) -> tuple[float, Floats]:
     """Return the distance between two members and the point (d,) of ``lower`` nearest to ``higher``.
 
-    They are found by alternating projections, from the nearest of about 1000 starting points. A distance of at most
-    ``touching`` becomes 0; if the bounding boxes are over ``within`` apart, it is infinite and the point arbitrary.
+    They are found by alternating projections from the nearest of about 1000 starting points: a local minimum. A
+    distance of at most ``touching`` becomes 0; if the bounding boxes are over ``within`` apart, it is infinite and the
+    point arbitrary.
     """
     boxes = np.array([lower.bounds, higher.bounds], dtype=np.float64)
     low, high = boxes[:, 0].max(axis=0) - within, boxes[:, 1].min(axis=0) + within

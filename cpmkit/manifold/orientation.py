@@ -33,7 +33,7 @@ class Orientation:
     def apply(self, points: Floats, directions: Floats) -> Floats:
         """Return ``directions`` (n, d) at ``points`` (n, d), with the signs of the samples near by, if there are any.
 
-        Of the nearest samples, the sample whose direction is most nearly parallel decides.
+        Of the nearest samples, at most six, the sample whose direction is most nearly parallel decides.
         """
         if self.points is None or self.directions is None or not len(points):
             return directions
@@ -44,7 +44,7 @@ class Orientation:
         return np.asarray(np.where(best >= 0, directions, -directions))
 
     def mean(self, points: Floats) -> Floats:
-        """Return unit vectors (n, d): the mean directions of the samples nearest to ``points`` (n, d)."""
+        """Return unit vectors (n, d): the mean directions of the up to six samples nearest to ``points`` (n, d)."""
         assert self.directions is not None
         mean = self.directions[self._nearest_samples(points)].sum(axis=1)
         return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
@@ -57,7 +57,7 @@ class Orientation:
         return cKDTree(self.points)
 
     def _nearest_samples(self, points: Floats) -> Ints:
-        """Return the numbers (n, k) of the samples nearest to ``points`` (n, d), six if there are as many."""
+        """Return the numbers (n, k) of the samples nearest to ``points`` (n, d): six, or all if there are fewer."""
         count = min(6, self._tree.n)
         return np.reshape(self._tree.query(points, count)[1], (len(points), count))
 
@@ -67,7 +67,7 @@ AS_GIVEN = Orientation()
 
 
 def agreements(first: Floats, second: Floats, chords: Floats, short: float) -> Floats:
-    """Return the cosines (...,) between unit vectors ``second`` and ``first``, moved along ``chords``, all (..., d).
+    """Return the cosines (...) between unit vectors ``second`` and ``first``, moved along ``chords``, all (..., d).
 
     The first, a normal or conormal, is rotated as along a circular arc with this chord, to its mirror image in the
     plane across the chord. This is right to third order on a smooth curve or surface, and also across a corner in the
@@ -86,13 +86,13 @@ def propagate_signs(
     """Return ``directions`` (s, d) at ``points`` (s, d), ``spacing`` apart, with signs that agree between neighbours.
 
     Signs follow a minimum spanning tree of the pairs of neighbours, whose weights are small where directions agree
-    well. With ``tangents`` (s, d) the samples lie on a curve, and only samples ahead or behind are neighbours.
+    well. With unit ``tangents`` (s, d) the samples lie on a curve, and only samples ahead or behind are neighbours.
 
     Returned ``directions`` (s, d).
-    Returned ``piece`` (s,): the connected piece of each sample; signs of different pieces are independent.
+    Returned ``piece`` (s,): number of the connected piece of each sample; signs of different pieces are independent.
     Returned ``consistent``: False if a direction comes back reversed along a closed path of clear agreements.
-    Returned ``sure``: True if all neighbours along which signs were propagated agree well: denser samples would
-        change nothing.
+    Returned ``sure``: True if all neighbours along which signs were propagated agree well: denser samples would change
+        nothing.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
@@ -134,8 +134,8 @@ def link_chains(points: Floats, tangents: Floats, conormals: Floats, reach: floa
     """Return the chains of ``points`` (n, d), in either direction along each curve that passes through them.
 
     Two points are linked if each is the other's next point: the nearest within ``reach`` that lies ahead or behind,
-    with sideways distance weighted more, and with its conormal to the same side. Branches that cross, parallel arms
-    and neighbouring sheets of a surface therefore stay separate.
+    with sideways distance weighted more, and with its conormal to the same side. Branches that cross, parallel arms and
+    neighbouring sheets of a surface therefore stay separate. A point without links is an open chain.
 
     The ``points`` are a few times denser than ``reach``, the largest distance of linked points. ``tangents`` (n, d) are
     unit tangents of any sign, ``conormals`` (n, d) unit vectors across the curve, of one sign along each curve.

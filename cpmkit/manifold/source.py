@@ -24,7 +24,7 @@ class Rows:
         return len(getattr(self, fields(self)[0].name))
 
     def take(self, index: NDArray[Any]) -> Self:
-        """Return the records with the given ``index``: integers (k,) or a mask (n,)."""
+        """Return the records with the given ``index``, integers (k,) or a mask (n,), as a new table."""
 
         def select(values: Any) -> Any:
             """Return the selected rows of a column, which is an array, None, a table or a list of these."""
@@ -106,7 +106,7 @@ class ClosestPointSource(Protocol):
 
     @property
     def exact(self) -> bool:
-        """Whether feet, but ``doubtful`` ones, are nearest points of the manifold; False, say, for a smoothed mesh."""
+        """Whether feet, except ``doubtful`` ones, are nearest points of the manifold; False for a smoothed mesh."""
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return a closest point of each row of ``x``.
@@ -124,7 +124,8 @@ class ClosestPointSource(Protocol):
 def source_repr(source: ClosestPointSource, name: str | None = None) -> str:
     """Return one line, the ``repr`` of a source: its name, dimensions, number of vertices with values, and bounds.
 
-    ``name`` is by default the name of its class, alone if the rest cannot be read. A dataclass would print all arrays.
+    ``name`` is by default that of its class; only the name is printed if the rest cannot be read. A dataclass would
+    print all arrays.
     """
     name = name or type(source).__name__
     try:
@@ -140,14 +141,10 @@ def source_repr(source: ClosestPointSource, name: str | None = None) -> str:
 
 
 def check_source(source: Any, label: str, alternatives: str = "") -> None:
-    """Raise if ``source``, called ``label`` in the message, is not an object that answers closest point queries.
+    """Raise InputError if ``source`` is no ClosestPointSource, or its bounds are not (2, d) finite numbers.
 
-    ``alternatives`` says what the caller accepts in place of a source.
-
-    Raises
-    ------
-    InputError
-        If ``source`` is no ClosestPointSource, or its bounds are not finite.
+    ``label`` is its name in the message, ``alternatives`` the message's text about other arguments that the caller
+    accepts.
     """
     if not isinstance(source, ClosestPointSource):
         raise InputError(
@@ -160,10 +157,11 @@ def check_source(source: Any, label: str, alternatives: str = "") -> None:
 
 
 def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: bool) -> None:
-    """Raise if the ``answer`` of ``source`` to closest point queries breaks the contract; the message names the source.
+    """Raise InputError if the ``answer`` of ``source`` to queries breaks the contract; the message names the source.
 
     The queries ``x`` (n, d) are relative to ``origin`` (d,). Answers of a ``union`` must contain the number of a member
-    for each query. Raises InputError if type or shape differ, members are missing, or a foot or distance is not finite.
+    for each query. The contract is broken if type or shape differ, members are missing, or a foot or distance is not
+    finite.
     """
     name = _class_names(source)
     if not isinstance(answer, ClosestPoints):
@@ -189,6 +187,6 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: boo
 
 
 def _class_names(source: Any) -> str:
-    """Return the name of a source's class, followed for a combination by that of the source inside it."""
+    """Return the name of a source's class, followed for a combination by "of" and that of the source inside it."""
     inner = getattr(source, "of", None)
     return type(source).__name__ + (f" of {_class_names(inner)}" if hasattr(inner, "closest_point") else "")

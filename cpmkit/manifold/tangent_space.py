@@ -52,7 +52,7 @@ def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floa
 
 
 def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Floats:
-    """Return unit tangents (n, d) of a curve at ``feet``: its own, or from the Jacobian with arbitrary signs."""
+    """Return unit tangents (n, d) of a curve at ``feet``: its own, or with any signs from differences of ``step``."""
     return tangents_and_corners(curve, feet, step)[0]
 
 
@@ -60,7 +60,7 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
     """Return unit tangents (n, d) of a curve at ``feet`` (see :func:`unit_tangents`), and a mask (n,) of its corners.
 
     Corners are found only on curves without tangents of their own: there the two largest eigenvalues of the Jacobian,
-    which are 1 and 0 on a smooth curve, differ by less than 0.7. ``step`` is that of its differences.
+    which are 1 and 0 on a smooth curve, differ by less than 0.7. ``step`` is the step of its differences.
     """
     corner = np.zeros(len(feet), dtype=bool)
 
@@ -121,7 +121,7 @@ def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) ->
 def _by_member(
     surface: LocalSource, feet: ClosestPoints, compute: Callable[[LocalSource, ClosestPoints, Ints], Floats]
 ) -> Floats:
-    """Return the vectors (n, d) that ``compute`` returns for the feet on each member of a union.
+    """Return the vectors (n, d) that ``compute`` returns for the ``feet`` on each member of a union.
 
     ``compute`` gets a member, its feet and their rows (k,), so that other members near by have no influence.
     """
@@ -188,7 +188,7 @@ def feet_on_sheets(
 
     ``start`` is a point of the manifold for each goal. A source with local minima gives all its feet no farther than
     this point, on any sheet. Feet of other sources, and one in place of the doubtful feet of a row, are found by
-    walking along the sheet from ``start``.
+    walking along the sheet from ``start``, in steps of at most half the lattice's ``spacing``.
     """
     if not source.has_local_minima:
         return np.arange(len(goal)), walk(source, goal, start, spacing, give_up=True).feet
@@ -229,8 +229,8 @@ def walk(
 
     A jump to the foot of the goal's projection could land on another sheet. Each step follows the tangential part of
     the vector to the goal; this part shrinks by ``1 - height * curvature`` times the step, so the length of a step is
-    chosen from how much it shrank in the last step (Barzilai and Borwein 1988), at most 4 times this part. There are
-    at most 60 steps.
+    chosen from how much it shrank in the last step (Barzilai and Borwein 1988), at most 4 times this part. There are at
+    most 60 steps, on points none.
 
     ``start``: one point of the manifold for each goal.
     ``spacing``: spacing of the lattice; a step is at most half of it.
@@ -270,5 +270,5 @@ def walk(
 
 
 def nearest_on_sheet(source: LocalSource, start: ClosestPoints | None, goal: Floats, spacing: float) -> ClosestPoints:
-    """Return the points of a source nearest to ``goal`` (n, d); with ``start``, those that a walk from it reaches."""
+    """Return the points of a source nearest to ``goal`` (n, d); with ``start``, those that a :func:`walk` reaches."""
     return source.closest_point(goal) if start is None else walk(source, goal, start, spacing).feet

@@ -11,7 +11,7 @@ from cpmkit.types import Floats
 
 
 def dots(a: Floats, b: Floats) -> Floats:
-    """Return the inner products (...,) of ``a`` and ``b`` (..., d) along the last axis."""
+    """Return the inner products (...) of ``a`` and ``b`` (..., d) along the last axis."""
     total = a[..., 0] * b[..., 0]
     for k in range(1, a.shape[-1]):
         total = total + a[..., k] * b[..., k]
@@ -19,7 +19,7 @@ def dots(a: Floats, b: Floats) -> Floats:
 
 
 def norms(a: Floats) -> Floats:
-    """Return the Euclidean lengths (...,) of ``a`` (..., d) along the last axis."""
+    """Return the Euclidean lengths (...) of ``a`` (..., d) along the last axis."""
     return np.sqrt(dots(a, a))
 
 
@@ -38,15 +38,11 @@ def in_three_dimensions(points: Floats) -> Floats:
 
 
 def as_rotation(rotation: Any, dim: int) -> Floats:
-    """Return a rotation, as given to a source that a plugin places or moves, as a (dim, dim) matrix.
+    """Return a rotation, in any of the forms that users give, as a (dim, dim) matrix.
 
-    It is given as an angle in radians in the plane, in space as a vector (3,) along the axis, as long as the angle; as
-    a matrix; or None for no rotation.
-
-    Raises
-    ------
-    InputError
-        If it is none of these, or a matrix that is not orthogonal with determinant +1 to 1e-12.
+    ``rotation`` is an angle in radians in the plane; in space a vector (3,) along the axis, as long as the angle; an
+    orthogonal matrix (dim, dim); or None for no rotation. ``dim`` is 2 or 3. Raises InputError if it is none of these,
+    or a matrix that is not orthogonal with determinant +1 to 1e-12.
     """
     if rotation is None:
         return np.eye(dim)
@@ -73,5 +69,5 @@ def as_rotation(rotation: Any, dim: int) -> Floats:
 
 
 def rotate(rotation: Floats, vectors: Floats) -> Floats:
-    """Return ``rotation @ v``, (n, d), for the rows v of ``vectors`` (n, d)."""
+    """Return ``rotation @ v`` (n, d), with a matrix ``rotation`` (d, d), for the rows v of ``vectors`` (n, d)."""
     return np.asarray(np.einsum("ij,nj->ni", rotation, vectors))

@@ -131,7 +131,8 @@ def rim_of_vertices(mesh: Mesh) -> Rim:
 def seam_midpoints(mesh: Mesh, half: HalfFacets) -> Floats:
     """Return those middles (k, d) of rim edges of triangles that lie on another rim edge, without common vertex.
 
-    Such seams are not welded, so nothing flows across them. ``half``: the half facets of this mesh.
+    Such seams are not welded: nothing flows across them. The four nearest rim edges are tested. ``half`` is of this
+    mesh.
     """
     from scipy.spatial import cKDTree
 
@@ -176,7 +177,7 @@ def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
 
 
 def has_distinct_vertices(mesh: Mesh) -> bool:
-    """Return whether no two vertices are at one place: then a mesh of parts of repaired cells needs no repair."""
+    """Return whether no two vertices are to be welded: then a mesh of parts of repaired cells needs no repair."""
     return bool((_welded_vertices(mesh.vertices) == np.arange(len(mesh.vertices))).all())
 
 
@@ -211,7 +212,7 @@ def box_size(vertices: Floats) -> float:
 
 
 def _welded_vertices(vertices: Floats) -> Ints:
-    """Return for each vertex (v,) the representative of all vertices at the same place, up to the welding tolerance."""
+    """Return for each vertex (v,) the first of those at the same place, up to :data:`WELDED_SIZE_SHARE` of the box."""
     from cpmkit.mesh import mesh_kernels
 
     tolerance = WELDED_SIZE_SHARE * box_size(vertices) if len(vertices) else 0.0

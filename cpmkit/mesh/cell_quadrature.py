@@ -80,20 +80,21 @@ class Samples:
 
 
 def is_clipped(sampling: str, manifold_dim: int) -> bool:
-    """Return whether ``sampling`` lets triangles be clipped at knot planes; False for segments, which end there."""
+    """Return whether ``sampling``, one of :data:`SAMPLINGS`, clips triangles at knot planes; False for segments."""
     return manifold_dim == 2 and sampling != "plain"
 
 
 def needs_degree_four(degree: int, geometry: CellGeometry) -> bool:
     """Return whether pieces of triangles need a rule of degree 4: for cubic splines on cells curved by closest points.
 
-    On other meshes the error of the mesh dominates, so that the total error is the same without such a rule (measured).
+    ``degree`` is that of the splines. On other meshes the error of the mesh dominates, so that the total error is the
+    same without such a rule (measured).
     """
     return degree == 3 and geometry == "closest_point"
 
 
 def longest_edge(sampling: str, geometry: CellGeometry, manifold_dim: int) -> float:
-    """Return the largest length of cell edges, in spacings, that the quadrature needs for its accuracy."""
+    """Return the largest length of cell edges, in spacings, that quadrature by ``sampling`` needs for its accuracy."""
     if not is_clipped(sampling, manifold_dim):
         return PLAIN_EDGE_SPACINGS
     return CLIPPED_FLAT_EDGE_SPACINGS if geometry == "flat" else CLIPPED_EDGE_SPACINGS
@@ -188,7 +189,7 @@ def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None,
 
 
 def _concatenate(parts: Iterable[Samples]) -> Samples:
-    """Return the samples ``parts`` one after the other; arrays grow in place to save memory."""
+    """Return the samples ``parts``, at least one, one after the other; arrays grow in place to save memory."""
     whole: list[Any] = []
     for part in parts:
         arrays = [getattr(part, field.name) for field in fields(Samples)]
@@ -203,7 +204,7 @@ def _concatenate(parts: Iterable[Samples]) -> Samples:
 
 
 def normal_frames(tangents: Floats) -> Floats:
-    """Return orthonormal bases (n, d - 1, d) of the spaces perpendicular to ``tangents`` (n, d)."""
+    """Return orthonormal bases (n, d - 1, d) of the spaces perpendicular to nonzero ``tangents`` (n, d), d = 2 or 3."""
     t = unit(tangents)
     if t.shape[1] == 2:
         return np.stack([t[:, 1], -t[:, 0]], axis=1)[:, None]

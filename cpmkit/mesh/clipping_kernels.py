@@ -1,7 +1,7 @@
 """Compiled: quadrature points of flat or quadratic triangles, whole or clipped at the knot planes of the lattice.
 
-A piece is a convex part of a triangle: a polygon whose corners are rows (r, s, x, y, z), with barycentric coordinates r
-and s in the triangle and the position in spacings. ``count`` is the number of its corners.
+A piece is a convex part of a triangle: a polygon with ``count`` corners, the rows (r, s, x, y, z) of ``piece``, with
+barycentric coordinates r and s in the triangle and the position in spacings.
 """
 
 from __future__ import annotations
@@ -34,7 +34,10 @@ MOST_SPLITS = 100_000
 
 @compiled
 def position(nodes: Floats, curved: bool, r: float, s: float, point: Floats) -> None:
-    """Fill ``point`` (3,) with the position at barycentric coordinates (r, s, 1 - r - s) of a triangle."""
+    """Fill ``point`` (3,) with the position at barycentric coordinates (r, s, 1 - r - s) of a triangle.
+
+    ``nodes`` (3 or 6, 3): the corners; if ``curved``, then the midpoints of the edges opposite to them.
+    """
     t = 1.0 - r - s
     if curved:
         a, b, c = r * (2 * r - 1), s * (2 * s - 1), t * (2 * t - 1)
@@ -49,7 +52,7 @@ def position(nodes: Floats, curved: bool, r: float, s: float, point: Floats) -> 
 
 @compiled
 def slopes(nodes: Floats, curved: bool, r: float, s: float, first: Floats, second: Floats) -> None:
-    """Fill ``first`` and ``second`` (3,) with the derivatives of the :func:`position` with respect to r and s."""
+    """Fill ``first`` and ``second`` (3,) with the derivatives of the :func:`position` on a triangle by r and s."""
     t = 1.0 - r - s
     for i in range(3):
         if curved:
@@ -67,7 +70,7 @@ def cross_plane(
     """Fill ``corner`` (5,) with the point where the edge of a piece from ``start`` to ``end`` (5,) crosses a plane.
 
     The plane is where coordinate ``axis`` equals ``plane``. Along a curved edge this coordinate is interpolated
-    quadratically between its values at the ends and the middle.
+    quadratically between its values at the ends and the middle. ``nodes``, ``curved`` as in :func:`position`.
     """
     share = (plane - start[2 + axis]) / (end[2 + axis] - start[2 + axis])
     if curved:
@@ -88,7 +91,7 @@ def cross_plane(
 
 @compiled
 def first_plane(piece: Floats, count: int) -> tuple[int, float]:
-    """Return the axis and the coordinate of a knot plane that separates corners of a piece; axis -1 if none does."""
+    """Return the axis and the coordinate of a knot plane between corners of a ``piece`` (count, 5), or axis -1."""
     for axis in range(3):
         low, high = np.inf, -np.inf
         for k in range(count):
@@ -103,10 +106,11 @@ def first_plane(piece: Floats, count: int) -> tuple[int, float]:
 def split_at_plane(
     nodes: Floats, curved: bool, piece: Floats, count: int, axis: int, plane: float, below: Floats, above: Floats
 ) -> tuple[int, int]:
-    """Fill ``below`` and ``above`` with the two parts of a piece on each side of a plane; return their corner counts.
+    """Fill ``below`` and ``above`` (k, 5) with the parts of a piece on each side of a plane; return the corner counts.
 
     Only the crossing points are corners of both parts; otherwise a piece nearly in the plane would count twice. The
-    edges must cross the plane exactly twice, see :func:`crosses_twice`: then both parts of a convex piece are convex.
+    edges of ``piece`` (count, 5) must cross the plane, where coordinate ``axis`` equals ``plane``, exactly twice, see
+    :func:`crosses_twice`: then both parts of a convex piece are convex. ``nodes``, ``curved`` as in :func:`position`.
     """
     lower = upper = 0
     for k in range(count):
@@ -127,7 +131,7 @@ def split_at_plane(
 
 @compiled
 def crosses_twice(piece: Floats, count: int, axis: int, plane: float) -> bool:
-    """Return whether the edges of a piece, corner to corner, cross a plane exactly twice; curved edges may do more."""
+    """Return whether the chords around a ``piece`` (count, 5) cross the plane ``axis`` = ``plane`` exactly twice."""
     crossings, before = 0, piece[count - 1, 2 + axis] < plane
     for k in range(count):
         here = piece[k, 2 + axis] < plane
@@ -138,10 +142,10 @@ def crosses_twice(piece: Floats, count: int, axis: int, plane: float) -> bool:
 
 @compiled
 def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> tuple[int, int]:
-    """Fill ``below`` and ``above`` with the parts of a piece on each side of a chord; return their corner counts.
+    """Fill ``below`` and ``above`` (k, 5) with the parts of a piece on each side of a chord; return the corner counts.
 
-    The chord connects the first corner and the middle one. Both parts have fewer corners than a piece with more than
-    three; the edges of a piece with three corners cross any plane at most twice.
+    The chord connects the first corner of ``piece`` (count, 5) and the middle one. Both parts have fewer corners than a
+    piece with more than three; the edges of a piece with three corners cross any plane at most twice.
     """
     half = count // 2
     below[: half + 1] = piece[: half + 1]
@@ -152,7 +156,10 @@ def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> t
 
 @compiled
 def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
-    """Fill ``normal`` (3,) with the unit normal of two tangents, and return the area of their parallelogram."""
+    """Fill ``normal`` (3,) with the unit normal of two tangents (3,), and return the area of their parallelogram.
+
+    If they are nearly parallel, it is any unit vector perpendicular to the longer tangent.
+    """
     a = first[1] * second[2] - first[2] * second[1]
     b = first[2] * second[0] - first[0] * second[2]
     c = first[0] * second[1] - first[1] * second[0]
@@ -170,10 +177,11 @@ def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
 
 @compiled
 def points_needed(piece: Floats, count: int, curved: bool, single: float) -> int:
-    """Return the number of quadrature points that a piece needs: 1, 3 or 4.
+    """Return the number of quadrature points that a ``piece`` (count, 5) needs: 1, 3 or 4.
 
-    The error of one point is proportional to the area times the squared length, which must stay below ``single``; the
-    error of three points is proportional to the area times the cubed length.
+    The error of one point is proportional to the area times the squared length, which must stay below ``single``; that
+    of three points to the area times the cubed length. The limit of the latter is larger on flat triangles, not
+    ``curved``.
     """
     length = 0.0
     for i in range(3):
@@ -195,7 +203,7 @@ def points_needed(piece: Floats, count: int, curved: bool, single: float) -> int
 
 @compiled
 def lattice_cell(piece: Floats, count: int, cell: Floats) -> None:
-    """Fill ``cell`` (3,) with the indices of the lattice cell that contains the middle of a piece's bounding box."""
+    """Fill ``cell`` (3,) with the indices of the lattice cell at the middle of the box of a ``piece`` (count, 5)."""
     for i in range(3):
         low, high = np.inf, -np.inf
         for k in range(count):
@@ -205,7 +213,7 @@ def lattice_cell(piece: Floats, count: int, cell: Floats) -> None:
 
 @compiled
 def clamp_to_cell(place: float, cell: float) -> float:
-    """Return a coordinate ``place`` of a sample, in spacings, moved into lattice ``cell`` if it is slightly outside."""
+    """Return a coordinate ``place``, in spacings, moved into lattice cell ``cell`` if it is slightly outside."""
     past = abs(place - cell) - 0.5 + INSIDE_SPACINGS
     if 0 < past < CLAMPED_SPACINGS:
         return place - past if place > cell else place + past

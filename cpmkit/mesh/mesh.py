@@ -30,7 +30,7 @@ class Edges:
     of_cells: Ints  #: (m, 3) or (m, 1): the edges of each cell; edge j of a triangle is opposite to corner j.
 
     def lengths(self, vertices: Floats) -> Floats:
-        """Return the distances (e,) between the ends of the edges."""
+        """Return the distances (e,) between the ends of the edges, at the positions ``vertices`` (v, d)."""
         return norms(vertices[self.ends[:, 1]] - vertices[self.ends[:, 0]])
 
 
@@ -184,7 +184,7 @@ class Mesh:
 
 
 def rectangle(lower: Floats, upper: Floats, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 2) and triangles (m, 3) of a regular triangulation between corners ``lower`` and ``upper``.
+    """Return vertices (v, 2) and triangles (m, 3) of a regular triangulation between corners ``lower``, ``upper`` (2,).
 
     Triangles are counterclockwise; the legs are at most ``spacing`` long.
     """

@@ -21,7 +21,7 @@ MOST_CURVATURE_RATIO = 4.0
 def number_triangle_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
     """Return the edges (e, 2) of triangles among ``count`` vertices, and the edge (m, 3) opposite to each corner.
 
-    Each vertex has a linked list of the edges that lead to vertices of larger number.
+    Edges have the lower vertex first, and the order of their first occurrence in ``cells`` (m, 3).
     """
     head = np.full(count, -1, np.int64)
     following = np.empty(3 * len(cells), np.int64)
@@ -123,7 +123,7 @@ def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
 
 @compiled
 def _facet_direction(cells: Ints, cell: int, j: int) -> int:
-    """Return the direction, 1 or -1, in which a cell traverses its facet ``j``.
+    """Return the direction, 1 or -1, in which the cell of number ``cell`` in ``cells`` traverses its facet ``j``.
 
     It is different for two cells on both sides of a facet that are oriented alike.
     """
@@ -137,7 +137,8 @@ def _facet_direction(cells: Ints, cell: int, j: int) -> int:
 def _signed_root(parent: Ints, sign: Any, cell: int) -> tuple[int, int]:
     """Return the root of the set of ``cell``, and the orientation of the cell relative to it, 1 or -1.
 
-    Paths to the root are halved, and ``sign`` (m,) is updated with ``parent`` (m,).
+    Paths to the root are halved: ``parent`` (m,) and ``sign`` (m,), the orientation relative to the parent, are
+    changed.
     """
     total = 1
     while parent[cell] != cell:
@@ -152,12 +153,11 @@ def _signed_root(parent: Ints, sign: Any, cell: int) -> tuple[int, int]:
 
 @compiled
 def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance: float) -> Ints:
-    """Return for each vertex (v,) the first of its cluster, of those that it reaches by steps of at most ``tolerance``.
+    """Return for each vertex (v,) the lowest number in its cluster: vertices connected by steps up to ``tolerance``.
 
-    ``vertices`` (v, d).
+    ``vertices`` (v, d): positions. ``order`` (v,): numbers of the vertices by ascending ``along``.
     ``along`` (v,): coordinates of the vertices along a unit vector: only vertices within ``tolerance`` in these are
         compared.
-    ``order`` (v,): numbers of the vertices by ascending coordinate.
     """
     parent = np.arange(len(vertices))
     for i in range(len(order)):

@@ -32,7 +32,7 @@ def with_corners(cells: Ints, corners: int) -> Ints:
 
 
 def stack_cells(parts: Iterable[Ints]) -> Ints:
-    """Return cells with different numbers of corners as one array (m, k), shorter rows padded with -1."""
+    """Return ``parts``, arrays of cells (p, c), as one array (m, k) in their order; shorter rows are padded with -1."""
     non_empty = [part for part in parts if len(part)]
     width = max((part.shape[1] for part in non_empty), default=1)
     rows = [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=-1) for part in non_empty]
@@ -40,7 +40,7 @@ def stack_cells(parts: Iterable[Ints]) -> Ints:
 
 
 def renumber_cells(cells: Ints, number: Ints) -> Ints:
-    """Return ``cells`` (m, k) with ``number[v]`` in place of each vertex v; padding stays -1."""
+    """Return ``cells`` (m, k) with ``number[v]`` in place of each vertex v; ``number`` is (v,); padding stays -1."""
     return np.where(cells >= 0, number[cells], -1)
 
 
@@ -54,13 +54,13 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
 
 
 def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
-    """Return ``cells`` and their edges ``of_edges``, (m, 3), as (3, m), rotated so that corner ``first`` (m,) leads."""
+    """Return ``cells`` and their edges ``of_edges``, (m, 3), as two arrays (3, m), with corner ``first`` (m,) first."""
     order = (first[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
 
 
 def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
-    """Return the bound method of ``surface`` that takes a spacing and returns vertices and cells.
+    """Return the method of ``surface`` that takes a spacing and returns vertices (v, d) and cells (m, k).
 
     Raises InputError if the surface has no such method.
     """
@@ -79,7 +79,7 @@ def member_dimensions(surface: ClosestPointSource) -> list[int]:
 
 
 def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> Ints:
-    """Return those of a surface's mesh ``cells`` that have dimension ``dim``, (m, dim + 1).
+    """Return those of a surface's mesh ``cells`` (n, k), padded with -1, that have dimension ``dim``, as (m, dim + 1).
 
     Raises InputError if the mesh has cells of a dimension that no member has, such as a solid's boundary, or none of
     this dimension.
@@ -220,10 +220,12 @@ def cut_by_distance(
 
 
 def _crossed_edges(points: Floats, edges: Ints, distance: Floats, sign: Floats, curve: ClosestPointSource) -> Bools:
-    """Return which of ``edges`` (e, 2) the boundary crosses, (e,).
+    """Return which of ``edges`` (e, 2) the boundary ``curve`` crosses, (e,).
 
-    Opposite signs at the ends are not enough: they also occur across the tangent plane on another sheet, and half way
-    between two arms of a curve, where the nearest arm changes. There the zero of the distance is not near the curve.
+    ``distance``, ``sign`` (v,) are the signed distances of the ``points`` (v, d), and their signs: 0 on the boundary,
+    NaN where there is no side. Opposite signs at the ends are not enough: they also occur across the tangent plane on
+    another sheet, and half way between two arms of a curve, where the nearest arm changes: the zero of the distance is
+    not near the curve.
     """
     a, b = edges.T
     crossed: Bools = sign[a] * sign[b] < 0
@@ -236,7 +238,7 @@ def _crossed_edges(points: Floats, edges: Ints, distance: Floats, sign: Floats, 
 
 
 def _zero_on_edges(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
-    """Return ``attributes`` (v, w), interpolated linearly, at the zero of ``distance`` (v,) on each edge, (e, w)."""
+    """Return ``attributes`` (v, w), interpolated linearly, at the zero of ``distance`` (v,) on ``edges``, (e, w)."""
     a, b = edges.T
     share = (distance[a] / (distance[a] - distance[b]))[:, None]
     return np.asarray((1 - share) * attributes[a] + share * attributes[b])
@@ -250,7 +252,8 @@ def _distance_from_curve(points: Floats, curve: ClosestPointSource) -> Floats:
 def _cut_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
     """Return the segments (k, 2) after the cut and the side (k,) of each: 1 left, -1 right, 0 on both or neither.
 
-    ``crossings`` (m, 1) is the vertex where the boundary crosses each segment, where ``crossing`` (m, 1) is True.
+    ``crossings`` (m, 1) is the vertex where the boundary crosses each of ``cells`` (m, 2), where ``crossing`` (m, 1) is
+    True. ``sign`` (v,) is the side of each vertex: 1, -1, 0 on the boundary, NaN unknown.
     """
     cut = crossing[:, 0]
     a, b = cells[cut].T
@@ -265,9 +268,10 @@ def _cut_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -
 def _cut_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
     """Return the triangles (k, 3) after the cut and the side (k,) of each: 1 left, -1 right, 0 on both or neither.
 
-    ``crossings`` (m, 3) are the vertices where the boundary crosses the edges, where ``crossing`` (m, 3) is True.
-    A triangle is cut from edge to edge, or from a corner on the curve to the opposite edge. A triangle that the curve
-    enters and does not leave contains the end of the curve and stays whole.
+    ``crossings`` (m, 3) are the vertices where the boundary crosses the edges of ``cells`` (m, 3), where ``crossing``
+    (m, 3) is True; edge k joins corners k and k + 1. ``sign`` (v,) is the side of each vertex as in
+    :func:`_cut_segments`. A triangle is cut from edge to edge, or from a corner on the curve to the opposite edge. A
+    triangle that the curve enters and does not leave stays whole.
     """
     count = crossing.sum(axis=1)
     two = count == 2
@@ -289,14 +293,14 @@ def _cut_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) 
 
 
 def _side_of_cells(cells: Ints, sign: Floats) -> Floats:
-    """Return the side (m,) of each cell, 1 or -1, if no corner lies on the other side; 0 if both or no sides occur."""
+    """Return the side (m,) of each cell, 1 or -1, if all signs (v,) but 0 and NaN agree at its corners; 0 otherwise."""
     signs = np.nan_to_num(sign[cells])
     left, right = (signs > 0).any(axis=1), (signs < 0).any(axis=1)
     return np.where(left == right, 0.0, np.where(left, 1.0, -1.0))
 
 
 def _append_crossings(pieces: CutCells, edges: Ints, distance: Floats, cells: Ints) -> CutCells:
-    """Return the mesh with ``cells`` and with vertices appended at the zeros of the distance on ``edges`` (k, 2).
+    """Return the mesh with ``cells`` and with vertices appended at the zeros of ``distance`` (v,) on ``edges`` (k, 2).
 
     The cells contain the numbers of these vertices already.
     """
@@ -308,9 +312,9 @@ def _append_crossings(pieces: CutCells, edges: Ints, distance: Floats, cells: In
 
 
 def _separate_sides(pieces: CutCells, boundary: int, on_boundary: Bools, side: Floats) -> CutCells:
-    """Return the mesh with copies of the vertices ``on_boundary`` (v,) in the cells on the right (``side`` < 0).
+    """Return the mesh with copies of the vertices ``on_boundary`` (v,) in the cells on the right (``side`` (m,) < 0).
 
-    The original vertices belong to the left side.
+    The original vertices belong to the left side; ``boundary`` is the column of ``sides`` that records this.
     """
     copied = np.flatnonzero(on_boundary)
     copy = np.arange(len(on_boundary))

@@ -26,10 +26,11 @@ LEAST_SECOND_DERIVATIVE = 1e-12
 
 @compiled
 def whiten(piece: Floats, count: int, frame: Floats, corners: Floats) -> float:
-    """Fill ``corners`` (count, 2) with a polygon transformed to centroid 0 and covariance 1; return its original area.
+    """Fill ``corners`` (count, 2) with a polygon at centroid 0 and unit covariance; return its original area.
 
-    ``frame`` (5,) is filled with the transformation: the centroid (x, y) and the entries (wide, skew, high) of the
-    Cholesky factor of the covariance. Nothing is filled if the area is not positive.
+    ``piece`` (count, 2 or more): the corners, counterclockwise. ``frame`` (5,) is filled with the transformation: the
+    centroid (x, y) and the entries (wide, skew, high) of the Cholesky factor of the covariance. Nothing is filled if
+    the area is not positive.
     """
     area = x = y = xx = xy = yy = 0.0
     r, s = piece[0, 0], piece[0, 1]
@@ -60,7 +61,7 @@ def whiten(piece: Floats, count: int, frame: Floats, corners: Floats) -> float:
 
 @compiled
 def third_moments(corners: Floats, count: int, thirds: Floats) -> None:
-    """Fill ``thirds`` (4,) with the means of e^3, e^2 f, e f^2 and f^3 over a polygon with ``corners`` (e, f)."""
+    """Fill ``thirds`` (4,) with the means of e^3, e^2 f, e f^2, f^3 over a polygon; ``corners`` (count, 2): (e, f)."""
     area = 0.0
     thirds[:] = 0.0
     for k in range(1, count - 1):
@@ -85,7 +86,8 @@ def third_moments(corners: Floats, count: int, thirds: Floats) -> None:
 def skewest_direction(thirds: Floats) -> tuple[float, float]:
     """Return the unit vector (c, s) in whose direction the third moment of a polygon is largest in modulus.
 
-    ``thirds`` (4,) are its moments from :func:`third_moments`. In axes rotated by (c, s) the mean of e^2 f vanishes.
+    ``thirds`` (4,) are its moments from :func:`third_moments`; if all vanish, the vector is (1, 0). In axes rotated by
+    (c, s) the mean of e^2 f vanishes.
     """
     most, c, s = 0.0, 1.0, 0.0
     for k in range(len(DIRECTIONS)):
@@ -108,21 +110,24 @@ def skewest_direction(thirds: Floats) -> tuple[float, float]:
 
 @compiled
 def mixed_third_moment(thirds: Floats, c: float, s: float) -> float:
-    """Return the mean of e f^2 in axes rotated by (c, s), from the moments ``thirds`` (4,) of a polygon."""
+    """Return the mean of e f^2 in axes rotated by (c, s), from ``thirds`` (4,), see :func:`third_moments`."""
     first = s * s * thirds[0] - 2 * c * s * thirds[1] + c * c * thirds[2]
     return float(c * first + s * (s * s * thirds[1] - 2 * c * s * thirds[2] + c * c * thirds[3]))
 
 
 @compiled
 def unwhiten(frame: Floats, e: float, f: float, place: Floats) -> None:
-    """Fill ``place`` (2,) with the original coordinates of the point (e, f) in the axes of :func:`whiten`."""
+    """Fill ``place`` (2,) with the original coordinates of (e, f), with ``frame`` (5,) as in :func:`whiten`."""
     place[0] = frame[0] + frame[2] * e
     place[1] = frame[1] + frame[3] * e + frame[4] * f
 
 
 @compiled
 def triangle_rule(piece: Floats, places: Floats, shares: Floats) -> float:
-    """Fill the first three ``places`` and ``shares`` with the rule of degree 2 on a triangle; return its area."""
+    """Fill the first three ``places`` and ``shares`` with the rule of degree 2 on a triangle; return its signed area.
+
+    ``piece`` (3, 2 or more): the corners. ``places`` (k, 2) are points, ``shares`` (k,) weights with sum 1.
+    """
     for i in range(2):
         third = (piece[0, i] + piece[1, i] + piece[2, i]) / 6
         for k in range(3):
@@ -153,10 +158,8 @@ def polygon_rule(
     third moment; in a triangle they lie between the centroid and the corners. The weights are positive; on 5000 random
     polygons with 3 to 7 corners all four points were inside. The rule with one point, of degree 1, is the centroid.
 
-    ``piece`` (count, 2 or more): corners of the polygon; the first two columns are used.
-    ``count``: number of corners.
-    ``taken``: number of points: 1, 3 or 4.
-    ``frame``, ``thirds``, ``corners`` (5,), (4,), (count, 2): work space.
+    ``piece`` (count, 2 or more): corners; the first two columns are used. ``taken``: number of points: 1, 3 or 4.
+    ``frame``, ``thirds``, ``corners`` (5,), (4,), (count, 2): work space, overwritten.
     ``places``, ``shares`` (taken or more, 2), (taken or more,): points, and weights with sum 1.
     """
     if taken == 3 and count == 3:  # the same points, in another order
@@ -194,9 +197,9 @@ def polygon_rule(
 def fan_rule(piece: Floats, count: int, places: Floats, shares: Floats) -> float:
     """Fill ``places`` and ``shares`` with a rule of degree 4 on a convex polygon; return its area.
 
-    The corners are counterclockwise. If the area is not positive, ``places`` and ``shares`` have no meaning.
-
-    The polygon is divided into a fan of triangles at its first corner; each triangle has six points.
+    The polygon is divided into a fan of triangles at its first corner; each triangle has six points. ``piece`` (count,
+    2 or more) are the corners, counterclockwise, ``places`` (k, 2) points, ``shares`` (k,) weights with sum 1, which
+    have no meaning if the area is not positive.
     """
     total = 0.0
     for k in range(1, count - 1):

@@ -140,7 +140,7 @@ class _DividedEdges:
         return np.asarray(np.where(place == 0, self.ends[edge, 0], inside), dtype=np.int64)
 
     def halvings(self) -> tuple[Ints, Ints]:
-        """Return the ascending codes and the middles of all divided edges, of their halves, quarters and so on."""
+        """Return the ascending codes (k,) and middles (k,) of all divided edges, their halves, quarters and so on."""
         codes, middles = [], []
         for level in range(int(self.levels.max())):
             edges = np.flatnonzero(self.levels > level)
@@ -204,7 +204,7 @@ def _halving_counts(ratios: Floats) -> Ints:
 
 
 def _edge_codes(ends: Ints) -> Ints:
-    """Return an integer (e,) for each edge (e, 2) that identifies it whatever its direction."""
+    """Return an integer (e,) that identifies each of the edges ``ends`` (e, 2), whatever its direction."""
     return np.asarray((ends.min(axis=1) << 32) | ends.max(axis=1), dtype=np.int64)
 
 
@@ -287,7 +287,7 @@ def _shares_on_curve(
 
 
 def _interpolate(start: Floats, end: Floats, share: Floats) -> Floats:
-    """Return the points (n, d) at ``share`` (n,) of the way from ``start`` to ``end`` (n, d)."""
+    """Return the points (n, d) at the ``share`` (n,) of the way from ``start`` to ``end``, both (n, d)."""
     return start + share[:, None] * (end - start)
 
 
