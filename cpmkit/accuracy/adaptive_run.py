@@ -123,9 +123,10 @@ class AdaptiveRun:
         return time.perf_counter() - self.started
 
     def solve(self, purpose: Purpose, spacing: float, expected_seconds: float | None = None) -> TimedSolve:
-        """Solve at a spacing, add the solve to the list, and return it. Raises CpmkitError as a solve does.
+        """Solve at a spacing, append the solve to ``solves``, and return it. Raises CpmkitError as a solve does.
 
-        ``expected_seconds`` is reported to the progress callback.
+        ``expected_seconds`` is only reported to the progress callback; None if unknown. For the purposes ``pilot`` and
+        ``companion`` an eigenvalue problem has further modes.
         """
         scene = self.scene if purpose in ("answer", "correction") else with_further_modes(self.scene)
         about = "" if expected_seconds is None else f", about {expected_seconds:.2g} s"
@@ -183,9 +184,10 @@ class AdaptiveRun:
         ) from refusal
 
     def shorten_steps(self) -> bool:
-        """Shorten the steps in time until their error is a small share of the tolerance; return True if they changed.
+        """Shorten the scene's steps in time to an error of at most 0.3 of the tolerance; return whether they changed.
 
-        The error is computed from the last solution, a coarse one, as it hardly depends on the spacing.
+        The error, stored in ``in_time``, is computed from the last, coarse solution, as it hardly depends on the
+        spacing.
         """
         problem: Any = self.scene.problem
         if problem.family != "time":
@@ -216,7 +218,7 @@ class AdaptiveRun:
         return self.measured_floor
 
     def has_same_options(self, solution: SolutionRecord, other: SolutionRecord | None = None) -> bool:
-        """Return True if a solution has a lattice, and the form's options of ``other``, by default of the last one."""
+        """Return whether a solution has a lattice, and the form's options of ``other``, None for the last solution."""
         pair = (solution, other or self.last.solution)
         first, second = (lattice_options(each.discretized) for each in pair)
         return first is not None and second is not None and first.own == second.own

@@ -103,7 +103,7 @@ class ErrorEstimate:
         return np.asarray(self.factor * np.abs(fine - coarse) / (ratio**self.order - 1))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the estimate as numbers, lists and strings."""
+        """Return the estimate as numbers, lists and strings by name, with the spacings of the coarser solutions."""
         arrays = {name: getattr(self, name).tolist() for name in ("rms", "largest", "unit", "floor", "at")}
         spacings = [solution.spacing for solution in self.coarse_solutions]
         return {**arrays, "in_time": self.in_time, "slow": self.slow, "held_against_spacings": spacings}
@@ -167,7 +167,7 @@ def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
 
 
 def error_unit(solution: SolutionRecord) -> Floats:
-    """Return the unit (channels,) of relative errors of a solution: its range where it is compared, not zero."""
+    """Return the unit (channels,) of relative errors: a solution's range where it is compared, else its size or 1."""
     return _ranges(compared_points(solution)[2])
 
 
@@ -178,7 +178,7 @@ def _ranges(values: Floats) -> Floats:
 
 
 def estimate_alone(solution: SolutionRecord) -> ExpectedError | None:
-    """Return the error of a solution estimated from that solution alone; None if the form has no such estimate."""
+    """Return the error of a solution estimated from it alone; None for eigenvalues and forms without an estimate."""
     return None if solution.has_modes else solution.discretized.estimate(solution.values)
 
 
@@ -189,14 +189,14 @@ def estimate_from(
     order: float | None = None,
     alone: ExpectedError | None = None,
 ) -> ErrorEstimate:
-    """Return the error of a solution estimated from coarser solutions.
+    """Return the error of a solution estimated from coarser solutions, of which the coarsest is the last.
 
     Each coarser solution, at r times the spacing, gives ``|u_h - u_rh| / (r^p - 1)``; the estimate is the geometric
-    mean of these. The order p is that of the form for differences at that ratio (docs/explanation/accuracy.md). With
-    ``alone`` the result is a weighted geometric mean of this estimate and the estimate from the solution alone: the two
-    are independent, and together are less often too small than either (measured: docs/explanation/accuracy.md). The
-    coarsest solution is the last. The error of the steps in time, ``in_time``, a
-    share of the range, is added. The ``order`` is p if it is not that of the form.
+    mean of these. The order p is ``order``, or if that is None the form's for differences at that ratio
+    (docs/explanation/accuracy.md). With ``alone`` the result is a weighted geometric mean of this estimate and the
+    estimate from the solution alone: the two are independent, and together are less often too small than either
+    (measured: docs/explanation/accuracy.md). The error of the steps in time, ``in_time``, a share of the range, is
+    added.
     """
     differences = [difference(solution, coarse) for coarse in coarse_solutions]
     form, modes, tiny = solution.discretized, solution.has_modes, np.finfo(float).tiny
@@ -249,7 +249,8 @@ def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Di
 def _combine(errors: Floats, alone: ExpectedError, unit: Floats) -> Floats:
     """Return the weighted geometric mean (2, channels) of errors from coarse solutions and from the solution alone.
 
-    ``errors`` (2, channels), root mean square and largest, are shares of ``unit``, the others in the solution's unit.
+    ``errors`` (2, channels), root mean square and largest, are shares of ``unit`` (channels,); ``alone`` is in the
+    solution's unit.
     """
     expected = np.stack([alone.rms, alone.largest]) / unit
     # less where it is the larger one: a coarse lattice that does not resolve the solution makes differences large

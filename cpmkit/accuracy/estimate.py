@@ -36,11 +36,11 @@ SolveAt = Callable[[Scene, float], SolutionRecord]
 
 
 def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
-    """Solve a scene at larger spacings, and return the error of a solution estimated from the differences.
+    """Return the error of a solution, estimated from differences to solutions of its scene at larger spacings.
 
-    If ``tight`` the solution is compared at both the root of two and two times the spacing, else only at two times.
-    Raises ResolutionError if the scene cannot be solved at these spacings, nor at the root of two times the spacing.
-    Raises CpmkitError as ``solve`` does at the larger spacings.
+    If ``tight`` the solution is compared at both the root of two and two times the spacing, else only at two times;
+    ``solve_at`` solves. Raises ResolutionError if the scene cannot be solved at these spacings, nor at the root of two
+    times the spacing. Raises CpmkitError as ``solve`` does at the larger spacings.
     """
     scene = with_further_modes(solution.scene)
     coarse_solutions = _coarser_solutions(scene, solution, solve_at, RATIOS[tight])
@@ -150,7 +150,11 @@ def check_estimable(form: Discretized) -> None:
 
 
 def with_estimate(solution: SolutionRecord, how: bool | str | None, options: Mapping[str, Any]) -> SolutionRecord:
-    """Return a solution with its error estimated now (``True``, ``"tight"``), never (``False``) or later (``None``)."""
+    """Return a solution with its error estimated now (``how`` True or "tight"), never (False) or at first use (None).
+
+    ``options`` are those of ``solve``. If the form says that it has no estimate, the solution is returned as it is.
+    Raises ResolutionError or CpmkitError as :func:`estimate_by_solving` does.
+    """
     if how is None:
         return solution
     if how is False:
@@ -161,7 +165,7 @@ def with_estimate(solution: SolutionRecord, how: bool | str | None, options: Map
 
 
 def coarse_solver(options: Mapping[str, Any]) -> SolveAt:
-    """Return the function that solves a scene at a spacing with the ``options`` of ``solve``, on a shifted lattice."""
+    """Return a function that solves a scene at a spacing with ``options`` of ``solve``, and hides its warnings."""
     given = {name: value for name, value in options.items() if name not in ("spacing", "origin")}
 
     def solve_at(scene: Scene, spacing: float) -> SolutionRecord:

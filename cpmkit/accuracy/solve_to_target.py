@@ -94,8 +94,9 @@ def solve_to_target(
 ) -> SolutionRecord:
     """Solve at several spacings until the target is met or cannot be met, and return the solution.
 
-    It has its estimate, its history, and a warning where the tolerance was not reached. Raises InputError if an option
-    needs a spacing to be given. Raises CpmkitError as ``solve`` does, where no spacing serves.
+    It has its estimate, its history, and a warning where the tolerance was not reached. ``options`` are those of
+    ``solve``. Raises InputError if an option needs a spacing to be given. Raises CpmkitError as ``solve`` does, where
+    no spacing serves.
     """
     _check(scene, options)
     given = {name: value for name, value in options.items() if name != "origin"}
@@ -195,7 +196,7 @@ def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float 
 
 
 def answer_of(run: AdaptiveRun) -> SolutionRecord:
-    """Search for the spacing at which the target is met; return the solution there with its estimate and history."""
+    """Return the solution at the spacing at which the target of ``run`` is met or missed, with estimate and history."""
     status, aim = search_spacing(run)
     best = run.last if status in ("reached", "floor") else run.best
     answer, estimate = run.with_scene_modes(best.solution), best.estimate
@@ -238,9 +239,9 @@ def _check(scene: Scene, options: Mapping[str, Any]) -> None:
 
 
 def _summary(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> str:
-    """Return the result of the search in a sentence.
+    """Return the result of the search in a sentence; ``best`` is the solve whose solution is returned.
 
-    ``aim`` is the tolerance aimed at, or the error due to the source if that is larger.
+    ``aim`` is the tolerance aimed at, or the error due to the source if that is larger; 0 without a tolerance.
     """
     target, estimate = run.target, best.estimate
     where = f"at spacing {best.spacing:.3g} with {best.unknowns:,} unknowns"

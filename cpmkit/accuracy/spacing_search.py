@@ -89,7 +89,10 @@ def _first_factor(run: AdaptiveRun) -> float:
 
 
 def _refine(run: AdaptiveRun) -> None:
-    """Solve at smaller spacings, for up to three answers, until the tolerance or a limit is reached or errors stay."""
+    """Append solves at smaller spacings, up to three answers, until the tolerance or a limit is met or errors stay.
+
+    It may set a higher degree in ``run.chosen_options``. Raises CpmkitError or MemoryError as a solve does.
+    """
     aim = _reachable_tolerance(run)
     if _takes_cubic_splines(run, aim):
         run.chosen_options["degree"] = run.last.solution.discretized.traits.higher_degree
@@ -222,7 +225,7 @@ def _comparable(run: AdaptiveRun) -> list[TimedSolve]:
 
 
 def first_spacing(scene: Scene) -> float:
-    """Return the spacing of the first solve: for 35 to 400 unknowns, by the manifold's dimension, or less."""
+    """Return the spacing of the first solve: that of 35 to 400 unknowns, by the manifold's dimension, or smaller."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     m = surface.largest_dim
     counted = unknowns_at_unit_spacing(surface, 2, 100)  # in few blocks, as closest points may be expensive
@@ -242,7 +245,7 @@ def predicted_bytes(run: AdaptiveRun, unknowns: float) -> float:
 
 
 def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
-    """Return the bytes that a solve with this number of unknowns needs, and those of the coarser solutions stored."""
+    """Return the bytes that a solve with ``unknowns`` needs, and the bytes of all stored solutions with fewer."""
     options = lattice_options(run.last.solution.discretized)
     assert options is not None  # a target is for a form on a lattice
     model = cost_model(run.scene, options)
@@ -262,13 +265,13 @@ def check_memory(run: AdaptiveRun) -> None:
 
 
 def _last_two(run: AdaptiveRun) -> tuple[TimedSolve, TimedSolve]:
-    """Return the latest solve that is coarser than the last one, and the last solve."""
+    """Return the latest solve whose spacing is over 1.1 times that of the last one, and the last solve."""
     fine = run.last
     return next(solve for solve in reversed(run.solves) if solve.spacing > 1.1 * fine.spacing), fine
 
 
 def _seconds_line(run: AdaptiveRun) -> tuple[float, float]:
-    """Return the constant and the slope of the duration as a linear function of the number of unknowns."""
+    """Return a and b of the duration ``a + b unknowns`` in seconds, from the last two solves of different spacing."""
     coarse, fine = ((float(solve.unknowns), solve.seconds) for solve in _last_two(run))
     return line_through(coarse, fine)
 

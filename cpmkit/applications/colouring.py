@@ -56,11 +56,10 @@ class ArcLengthShare:
 
     @cached_property
     def _pieces(self) -> tuple[Any, Floats, Floats, Floats, Floats]:
-        """Short pieces of the curves, in the direction of each.
+        """Short pieces of the curves, in the direction of each; computed at first use.
 
         They are a search tree of their middles, their starts (p, d) and ends (p, d), the arc lengths (p,) at the starts
-        and the lengths (p,) of their curves.
-        Raises InputError if the source is no curve with a mesh, or branches.
+        and the lengths (p,) of their curves. Raises InputError if the source is no curve with a mesh, or branches.
         """
         from scipy.spatial import cKDTree
 
@@ -104,7 +103,7 @@ class Ramp:
 
 
 def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
-    """Return the Dirichlet datum with three channels for the colours of a side of a curve.
+    """Return the Dirichlet datum with three channels for ``colours``, as :func:`diffusion_curves` accepts for a side.
 
     Rows of colours are placed by ``along``. Raises InputError, which names the colours as ``label``, for other input.
     """
@@ -138,7 +137,7 @@ def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
 
 
 def _read_colours(name: Path, label: str) -> Floats:
-    """Return the rows (k, 3) or (k, 4) of a .npy or .csv file of colours; raise InputError if it holds other data."""
+    """Return the rows (k, 3) or (k, 4) of a .npy or .csv file; raise InputError with ``label`` if it has other data."""
     file = find_file(name)
     if file.suffix.lower() == ".npy":
         return np.asarray(read_array(file, "an array of colours"), dtype=np.float64)
@@ -167,7 +166,10 @@ def prescribed_range(scene: ck.Scene, spacing: float) -> Floats:
 
 
 def _values_of(condition: Any, curve: ClosestPointSource | None, spacing: float) -> Floats:
-    """Return the values (k, 3) that a condition prescribes: none for zero flux, rows of 0 and 1 if they are unknown."""
+    """Return the values (k, 3) that a condition prescribes: k = 0 for zero flux, rows of 0 and of 1 if unknown.
+
+    A function is sampled ``spacing`` apart on ``curve``, the source of its boundary; None for the edge.
+    """
     unknown = np.array([[0.0] * 3, [1.0] * 3])
     datum = condition.data()[0][1] if len(condition.data()) == 1 else None
     if condition.kind == "neumann":

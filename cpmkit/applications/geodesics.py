@@ -45,7 +45,7 @@ PRESCRIBED_SPACINGS = 3.0
 
 
 def transport_solver(prepared: Prepared) -> Prepared:
-    """Return the prepared scene for transport: solves to a larger residual, one preconditioner for all rounds."""
+    """Return the prepared scene with one preconditioner for all rounds of transport and a default residual of 1e-7."""
     solver = prepared.solver
     if solver.solver_tolerance is None:
         prepared = prepared.solved_by(solver.solver, solver_tolerance=DISTANCE_RESIDUAL, **solver.further)
@@ -60,14 +60,14 @@ def transport_distance(
     sign: Floats | float = 1.0,
     guess: Solution | None = None,
 ) -> Solution:
-    """Return the solution phi of -e Lap phi + sign X . grad phi = sign - e div X, the distance after a transport.
+    """Return the solution phi of -e Lap phi + sign X . grad phi = sign - e div X, e = 1.05 h, a transported distance.
 
     ``prepared``: the manifold, as :func:`transport_solver` returns it.
     ``field``: the unit vectors X (p, d) along which phi grows.
     ``prescribed`` (p,): the points at which phi is prescribed, by a penalty.
     ``target`` (p,): the values of phi there.
     ``sign`` (p,): sign of phi: it is transported along X where it is positive, and against X where it is negative.
-    ``guess``: initial guess of iterative solvers.
+    ``guess``: initial guess of iterative solvers; None for zero.
     """
     h = prepared.discretized.spacing
     penalty = prescribed * (10 / h)
@@ -128,12 +128,9 @@ class Distance(Measured):
     def path(self, start: Any) -> list[Floats]:
         """Return the shortest path (m, d) to the origins from each of the points ``start`` (k, d) or (d,), by descent.
 
-        All paths descend at once by the midpoint rule, in steps of half a spacing.
-
-        Raises
-        ------
-        ResolutionError
-            If a point is on a piece without an origin, or a path is caught at a barrier.
+        All paths, in a list of k arrays, begin on the manifold and descend at once by the midpoint rule, in steps of
+        half a spacing. Raises ResolutionError if a point is on a piece without an origin, or a path is caught at a
+        barrier.
         """
         surface, h = self.solution.scene.surface, self.solution.spacing
         start = as_points(np.atleast_2d(np.asarray(start, dtype=np.float64)), surface.dim)
@@ -223,7 +220,7 @@ def geodesic_distance(
 
 
 def _measure(prepared: Prepared, origins: Origins, rounds: int) -> Distance:
-    """Return the distance on a prepared scene: by heat, then by ``rounds`` of transport."""
+    """Return the distance on a prepared scene, by heat and ``rounds`` of transport; warn of pieces without origin."""
     points = prepared.discretized.points  # a local, so that all fields below share the array
     pieces = pieces_of(prepared)
     straight, reached = _nearest_origins(prepared, origins, pieces, points)

@@ -50,7 +50,8 @@ def implicit_flow(
 
     Short steps come first. A step that raises the energy or tears the map is repeated with half its length; where
     conditions are prescribed, the first step is never repeated, since the initial map need not satisfy them. The flow
-    ends with a warning where a step would lower the energy below ``covering``, which no map that covers it has.
+    ends with a warning where a step would lower the energy below ``covering``, which no map that covers it has, or
+    after the last step without rest.
 
     ``prepared``: the manifold with landmarks as boundaries.
     ``target``: the manifold of the images.
@@ -93,7 +94,7 @@ def implicit_flow(
 
 
 def _warn_if_moving(rests: bool, most_steps: int) -> None:
-    """Warn after the last step if the map is not at rest."""
+    """Issue a CpmkitWarning that names ``most_steps`` if the map is not at rest after the last step."""
     if not rests:
         warn_each([f"The map did not come to rest within {most_steps} steps; allow more, or longer ones."])
 
@@ -111,7 +112,7 @@ def _step(prepared: Prepared, target: ClosestPointSource, state: _State, step: f
 
 
 def _tangential(target: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
-    """Return the tangential parts (p, k) of ``vectors`` (p, k) at points of the target, by finite differences."""
+    """Return the tangential parts (p, k) of ``vectors`` (p, k) at ``points`` (p, k) of the target, by differences."""
     step = 1e-4 * float(np.ptp(target.bounds, axis=0).max())
     longest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
     if longest == 0.0:
@@ -163,8 +164,9 @@ def degree_and_area(
 ) -> tuple[int, float]:
     """Return the degree of a map ``images`` between closed surfaces, and the area of the target.
 
-    The degree is the signed area of the images over the area of the target. Raises InputError if one of the surfaces
-    has no closed oriented mesh. Raises ResolutionError if the quotient is no whole number.
+    ``images`` maps points (n, 3) to (n, 3); meshes have edges of half the ``spacing``. The degree is the signed area of
+    the images over the area of the target. Raises InputError if one of the surfaces has no closed oriented mesh. Raises
+    ResolutionError if the quotient is more than 0.3 from a whole number.
     """
     from scipy.spatial import cKDTree
 
@@ -182,7 +184,7 @@ def degree_and_area(
 
 
 def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
-    """Return normals (f, 3) of triangles, as long as the areas of the triangles."""
+    """Return normals (f, 3) of the triangles ``faces`` (f, 3), as long as the areas of the triangles."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.asarray(0.5 * np.cross(b - a, c - a))
 

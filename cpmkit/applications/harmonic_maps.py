@@ -50,7 +50,10 @@ class SurfaceMap(Result):
     at_rest: bool
 
     def evaluate(self, points: Any, side: Any = None) -> Floats:
-        """Return the images (n, target's dimension), on the target, of the source's points nearest to ``points``."""
+        """Return the images (n, k), on the target, of the source's points nearest to ``points`` (n, d).
+
+        k is the target's dimension; ``side`` is the side of points on a curve, as for :meth:`cpmkit.Solution.evaluate`.
+        """
         coordinates = self.solution.evaluate(as_points(points, self.solution.scene.surface.dim), side)
         return np.asarray(self.target.closest_point(coordinates).points)
 
@@ -58,12 +61,8 @@ class SurfaceMap(Result):
     def degree(self) -> int:
         """Number of times that the target is covered, with sign; of maps between closed surfaces with meshes.
 
-        Raises
-        ------
-        InputError
-            If one of the surfaces is not closed or has no mesh.
-        ResolutionError
-            If the covered area is no multiple of the target's: the spacing is too large.
+        Raises InputError if one of the surfaces is not closed or has no mesh. Raises ResolutionError if the covered
+        area is no multiple of the target's: the spacing is too large.
         """
         return degree_and_area(self.solution.scene.surface, self.target, self.evaluate, self.solution.spacing)[0]
 
@@ -109,7 +108,7 @@ class SurfaceMap(Result):
     drawn_with = DeprecatedMember("with_colours")
 
     def with_colours(self, colours: Any) -> Solution:
-        """Return the source with ``colours`` (v, 3) at the vertices of ``solution.display_mesh()``."""
+        """Return the source with ``colours`` (v,) or (v, channels) at the vertices of ``solution.display_mesh()``."""
         return with_colours(self.solution, colours)
 
 

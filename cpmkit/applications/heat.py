@@ -58,10 +58,10 @@ class Origins:
     def heat_source(self, spacing: float, reach: float) -> ck.PointSource:
         """Return heat sources on all origins: of strength 1 per spacing on curves, and stronger at points.
 
-        Heat of time t = reach^2 from a curve decays as exp(-s / reach), heat from a point as the Bessel function
-        K0(s / reach) / pi, which is sqrt(2 reach / (pi s)) / 2 as large. The strength of points makes both equal at a
-        distance s of a quarter of the manifold's size: ridges between points and curves then lie half way, up to a
-        fraction of the reach.
+        ``spacing`` is that of the lattice. Heat of time t = reach^2 from a curve decays as exp(-s / reach), heat from a
+        point as the Bessel function K0(s / reach) / pi, which is sqrt(2 reach / (pi s)) / 2 as large. The strength of
+        points makes both equal at a distance s of a quarter of the manifold's size: ridges between points and curves
+        then lie half way, up to a fraction of the reach.
         """
         far = 0.25 * float(np.ptp(self.surface.bounds, axis=0).max())
         of_point = np.pi * reach / spacing * np.sqrt(2 * far / (np.pi * reach))
@@ -83,7 +83,7 @@ class Origins:
 def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
     """Return origins that are given as points (k, d) or (d,), numbers of vertices, sources, or a sequence of these.
 
-    Raises InputError if there are no origins, or an entry is none of these.
+    Points are projected on ``surface``. Raises InputError if there are no origins, or an entry is none of these.
     """
     points, curves = [np.zeros((0, surface.dim))], []
     accepted = f"origins are finite points (k, {surface.dim}), numbers of vertices of a mesh, or sources of curves"
@@ -111,7 +111,7 @@ def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
 
 
 def _are_vertices(numbers: Any, surface: ClosestPointSource) -> bool:
-    """Return whether ``numbers`` are whole numbers of vertices; d of them are a point if a surface has no vertices."""
+    """Return whether ``numbers`` are numbers of vertices; d of them are a point if ``surface`` has no given mesh."""
     try:
         array = np.asarray(numbers)
     except ValueError:  # rows of different lengths
@@ -129,7 +129,7 @@ class Pieces:
     of_point: Ints  #: (p,): the number of the piece of each point of the prepared scene.
 
     def numbers_at(self, form: Discretized, points: Floats) -> Ints:
-        """Return the numbers (k,) of the pieces that contain ``points`` (k, d).
+        """Return the numbers (k,) of the pieces that contain ``points`` (k, d); ``form`` is the discretised manifold.
 
         The points are origins of a distance, or points of the manifold at which it is read.
         """
@@ -200,7 +200,7 @@ def barrier_scene(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene
 
 
 def heat_solver(prepared: Prepared) -> Prepared:
-    """Return the prepared scene with the solver of heat: direct, without noise, but unchanged above 60,000 unknowns."""
+    """Return the prepared scene with a direct solver for heat, without noise; itself above 60,000 unknowns."""
     if prepared.discretized.size > 60_000:
         return prepared
     return prepared.solved_by("direct", solver_tolerance=DISTANCE_RESIDUAL)
@@ -235,9 +235,9 @@ def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None 
 
 
 def check_warmed(cold: Bools, surface: ClosestPointSource) -> None:
-    """Check that heat reaches all points of a manifold.
+    """Raise SceneError if heat does not reach all points of a manifold.
 
-    Raises SceneError if any point is ``cold`` (p,); the message has their number.
+    ``cold`` (p,) are the points that it does not reach; the message has their number.
     """
     if cold.any():
         raise SceneError(

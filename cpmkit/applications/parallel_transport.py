@@ -47,7 +47,10 @@ class TransportedField(TangentField):
     lengths: Solution
 
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = False) -> Floats:
-        """Return the tangential vectors (n, 3) at the surface points nearest to ``points``; unit if ``normalized``."""
+        """Return the tangential vectors (n, 3) at the surface points nearest to ``points`` (n, 3).
+
+        They are unit vectors if ``normalized``; ``side`` is as for :meth:`cpmkit.Solution.evaluate`.
+        """
         directions = super().evaluate(points, side)
         if normalized:
             return directions
@@ -101,11 +104,11 @@ class LogarithmicMap:
         return f"LogarithmicMap about {place(self.point)} by a {self.distance!r}"
 
     def save(self, path: Any) -> None:
-        """Write the distance as :meth:`cpmkit.Solution.save` does."""
+        """Write the distance, not the axes, to the file ``path`` as :meth:`cpmkit.Solution.save` does."""
         self.distance.save(path)
 
     def picture(self, path: Any, **options: Unpack[LookKeywords]) -> Any:
-        """Draw rings and rays of the coordinates as :meth:`cpmkit.Solution.picture` draws, with the same options."""
+        """Draw rings and rays of the coordinates into the PNG file ``path``; see :meth:`cpmkit.Solution.picture`."""
         solution = self.distance.solution
         x, y = self.evaluate(solution.display_mesh().points).T
         length = np.hypot(x, y)

@@ -108,11 +108,11 @@ class Result:
     solution: Solution
 
     def save(self, path: Any) -> None:
-        """Write the solution as :meth:`cpmkit.Solution.save` does."""
+        """Write the solution to the file ``path``, with the formats of :meth:`cpmkit.Solution.save`."""
         self.solution.save(path)
 
     def picture(self, path: Any, **options: Unpack[LookKeywords]) -> Any:
-        """Draw the result as :meth:`cpmkit.Solution.picture` does, with the same options."""
+        """Draw the result into the PNG file ``path``, with the options of :meth:`cpmkit.Solution.picture`."""
         return self.drawable().picture(path, **options)
 
     def drawable(self) -> Solution:
@@ -150,12 +150,8 @@ class Measured(Result):
         """An estimate of the error, computed on first use from the result at twice the spacing.
 
         Errors are assumed to be proportional to the spacing, as on ridges and meshes. On smooth surfaces they fall
-        faster, and the estimate is up to ten times too large.
-
-        Raises
-        ------
-        CpmkitError
-            If the quantity cannot be computed at twice the spacing.
+        faster, and the estimate is up to ten times too large. Raises CpmkitError if the quantity cannot be computed at
+        twice the spacing.
         """
         assert self.recompute is not None
         return self.solution.estimated or ck.estimate_error_by(self.recompute, self.solution, order=1.0)
@@ -177,7 +173,7 @@ def measure_to_target(
     Raises CpmkitError if an option is not accepted, or ``measure`` raises it.
 
     ``surface``, ClosestPointSource, Scene or Prepared: the manifold.
-    ``spacing``: spacing of the lattice.
+    ``spacing``: spacing of the lattice; None for a prepared scene or a target.
     ``options``: options of :func:`cpmkit.prepare`; or ``tolerance``, ``norm``, ``seconds``, ``memory`` in place
         of a spacing.
     ``measure``: computes the quantity on a prepared scene.
@@ -204,7 +200,7 @@ def measure_to_target(
 
 
 def one_of(value: Any, accepted: tuple[str, str], label: str) -> str:
-    """Return ``value`` if it is one of the ``accepted``; raise InputError, which names it as ``label``, if not."""
+    """Return ``value`` if it is one of the two ``accepted``; raise InputError, which names it as ``label``, if not."""
     if value not in accepted:
         raise InputError(f"{label} must be {' or '.join(accepted)}, got {shown(value)}.")
     return str(value)
@@ -218,7 +214,7 @@ def unpack_pair(pair: Any, words: str) -> tuple[Any, Any]:
 
 
 def count_rounds(method: Any, rounds: Any) -> int:
-    """Return the number of rounds of transport of a distance, 0 by ``heat``; raise InputError for other arguments."""
+    """Return the number of rounds of transport, 0 by the ``method`` heat; raise InputError for other arguments."""
     return whole(rounds, "rounds", 1, 100) if one_of(method, ("transport", "heat"), "method") == "transport" else 0
 
 

@@ -121,7 +121,7 @@ def signed_distance(
 
 
 def _measure(prepared: Prepared, curves: Origins, rounds: int) -> SignedDistance:
-    """Return the signed distance on a prepared scene: by heat, then by ``rounds`` of transport."""
+    """Return the signed distance on a prepared scene, by heat, then by ``rounds`` of transport."""
     manifold = prepared.scene.surface
     samples = [ck.boundary_points(curve, manifold, prepared.discretized.spacing) for curve in curves.curves]
     field = _gradient_directions(prepared, curves, samples)
@@ -136,9 +136,9 @@ def _measure(prepared: Prepared, curves: Origins, rounds: int) -> SignedDistance
 
 
 def _mean_on_curves(phi: Solution, samples: Sequence[BoundaryPoints]) -> float:
-    """Return the mean of phi over the curves, which is subtracted so that phi is zero there.
+    """Return the mean of phi over the curves, weighted by their lengths; ``samples`` are points on each source.
 
-    Raises SceneError if the means of curves differ.
+    Raises SceneError if the means of curves differ by more than a spacing.
     """
     means = np.concatenate(
         [np.bincount(curve.curve, curve.weights * phi.evaluate(curve.points)) / curve.lengths for curve in samples]
@@ -153,7 +153,7 @@ def _mean_on_curves(phi: Solution, samples: Sequence[BoundaryPoints]) -> float:
 
 
 def _gradient_directions(prepared: Prepared, curves: Origins, samples: Sequence[BoundaryPoints]) -> ck.Field:
-    """Return the field X (p, 3) of unit vectors along which the distance grows, from heat of the curves' conormals."""
+    """Return the field X (p, 3) of unit vectors along which the distance grows, by heat from ``samples`` of curves."""
     h = prepared.discretized.spacing
     strength = np.concatenate([curve.weights[:, None] / h * curve.conormals for curve in samples])
     source = ck.PointSource(np.concatenate([curve.points for curve in samples]), strength)
@@ -166,7 +166,7 @@ def _gradient_directions(prepared: Prepared, curves: Origins, samples: Sequence[
 
 
 def _signed_straight_distance(curves: Origins, points: Floats) -> tuple[Floats, Floats]:
-    """Return straight distances (p,) of points from curves, and signed ones (p,), NaN where an end is nearest."""
+    """Return straight distances (p,) of ``points`` (p, 3) from curves, and signed ones, NaN where an end is nearest."""
     straight, places, number = curves.closest(points)
     signed = np.full(len(points), np.nan)
     for k, curve in enumerate(curves.curves):
@@ -181,9 +181,10 @@ def _signed_straight_distance(curves: Origins, points: Floats) -> tuple[Floats, 
 def _transport_round(
     prepared: Prepared, straight: Floats, signed: Floats, field: ck.Field, previous: Solution
 ) -> Solution:
-    """Return the signed distance after one round of transport along ``field``.
+    """Return the signed distance after one round of transport along ``field``, X (p, 3).
 
-    Beside curves the straight distance is prescribed, and in gaps of curves the ``previous`` distance.
+    Beside curves the straight distance is prescribed, and in gaps of curves the ``previous`` distance. ``straight`` and
+    ``signed`` (p,) are those of :func:`_signed_straight_distance`.
     """
     values = prepared.field(previous).values
     reach = PRESCRIBED_SPACINGS * prepared.discretized.spacing

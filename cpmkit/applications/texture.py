@@ -131,7 +131,7 @@ def bake(
 def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
     """Return the triangles (m, 3, 2) in pixels of the image: columns, and lines downwards.
 
-    Centres of pixels are at whole numbers. Raise InputError if texture coordinates are missing or outside of the image.
+    Centres of pixels are at whole numbers. Raises InputError if texture coordinates are missing or leave the image.
     """
     outside = np.abs(mesh.coordinates - 0.5).max(initial=0.0) - 0.5
     if len(mesh.corners) != len(mesh.faces):
@@ -148,7 +148,8 @@ def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
 def _rasterise(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats, int]:
     """Return the triangle (n,) at each pixel or -1, its barycentric coordinates (n, 3), and the number of overlaps.
 
-    Pixels are numbered line by line; an overlap is a pixel that is inside of several triangles, not on a common edge.
+    ``triangles`` (m, 3, 2) are in pixels. Pixels are numbered line by line, n = width height; an overlap is a pixel
+    that is inside of several triangles, not on a common edge.
     """
     shown, local = np.full(height * width, -1), np.zeros((height * width, 3))
     times = np.zeros(height * width, dtype=np.int64)

@@ -116,7 +116,7 @@ def _transport_angle(planes: Floats, first: Floats, second: Floats, corner: int)
 
 
 def _wrap(angles: Floats) -> Floats:
-    """Return angles modulo 2 pi, from -pi up to pi."""
+    """Return angles modulo 2 pi, from -pi inclusive up to pi."""
     return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -147,12 +147,7 @@ class TangentField(Result):
 
         This includes fields that run in opposite directions on both sides of a curve. Where the two sides differ in
         another way, as around a piece that the spacing does not resolve, the singularities of each side are listed, and
-        their sum has no meaning.
-
-        Raises
-        ------
-        InputError
-            If the surface has no triangles, as a point cloud.
+        their sum has no meaning. Raises InputError if the surface has no triangles, as a point cloud.
         """
         surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
         if not len(mesh.triangles):
@@ -161,7 +156,10 @@ class TangentField(Result):
         return singularities(mesh.points, mesh.triangles, vectors, mesh.normals)
 
     def drawable(self, length: float | None = None) -> Solution:
-        """Return the surface with arrows of one ``length`` on it; by default a share of the surface's size."""
+        """Return the surface with arrows of one ``length``, by default a share of the surface's size.
+
+        Raises InputError if ``length`` is not above zero.
+        """
         surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
         size = float(np.ptp(surface.bounds, axis=0).max())
         length = 0.045 * size if length is None else positive(length, "length")
@@ -250,7 +248,7 @@ def vector_field(
 
 
 def check_surface(surface: ClosestPointSource) -> None:
-    """Check that a manifold can have a field of tangential vectors; raise InputError if it is no surface in space."""
+    """Raise InputError if a manifold is no surface in space, on which fields of tangential vectors are made."""
     if surface.dim != 3 or surface.manifold_dim != 2:
         raise InputError("fields of tangential vectors are made on surfaces in space.")
 
@@ -278,7 +276,7 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
 
 
 def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:
-    """Return a function that maps points (k, 3) of a curve to unit directions (k, 3).
+    """Return a function that maps points (k, 3) of a curve in ``surface`` to unit directions (k, 3).
 
     Raises InputError if ``which`` is neither the name of a direction, a vector (3,) nor a function of points.
     """

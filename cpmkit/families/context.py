@@ -162,7 +162,7 @@ class OperatorCache:
 
 
 def operator_key(terms: Terms) -> Hashable:
-    """Return the key of an equation's operator in a cache: all terms of the equation but f.
+    """Return the cache key (a tuple) of an equation's operator: all of its ``terms`` but f.
 
     Functions and arrays are equal only if they are the same object.
     """
@@ -194,12 +194,12 @@ class PreparedSystem:
     def solve(
         self, b: Any, tolerance: float, guess: Any = None, progress: Progress = no_progress
     ) -> tuple[Any, SolveReport]:
-        """Return u (n, channels) with ``A u = b`` and the report, as :meth:`ConstantFunctions.solve` does."""
+        """Return u (n, channels) with ``A u = b`` and the report; parameters as of :meth:`ConstantFunctions.solve`."""
         return self.constants.solve(self.solver, b, tolerance, guess, progress)
 
 
 def with_border(form: Discretized, stiffness: Stiffness) -> Operator:
-    """Return the operator A, bordered if on a piece of the manifold no condition or term determines a constant."""
+    """Return the operator A, with a border if on a piece of the manifold no condition or term determines a constant."""
     free = form.free_constants(stiffness)
     return stiffness if free is None else Bordered(stiffness, free)
 
@@ -235,7 +235,8 @@ class SolveContext:
     def prepare(self, operator: Operator) -> PreparedSolver:
         """Return the prepared solver of systems with ``operator``, which gets the form's multigrid levels if it can.
 
-        With ``cache.shares_preconditioner``, the preconditioner of the first unsymmetric operator of this size is used.
+        With ``cache.shares_preconditioner``, operators of a size use the cached preconditioner of the first unsymmetric
+        one.
         """
         lender = self.cache.shared.get(operator.size)
         if lender is not None:
@@ -259,12 +260,15 @@ class SolveContext:
     def report(self, converged: bool, iterations: int, products: int, residual: float, reason: str) -> SolveReport:
         """Return the report of a solve that consists of several linear systems.
 
-        ``products`` counts operator applications, ``residual`` is relative, ``reason`` says why the solve ended.
+        ``iterations`` and ``products`` are totals, ``residual`` is relative, ``reason`` says why the solve ended.
         """
         return SolveReport(self.solver_name, converged, iterations, products, residual, self.tolerance, reason)
 
     def common_fields(self, operator: Operator, report: SolveReport, built: float) -> dict[str, Any]:
-        """Return the fields of a solution that all families fill alike; ``built`` is the time after the assembly."""
+        """Return discretized, report, work and seconds of a solution by name, which all families fill alike.
+
+        ``built`` is the value of time.perf_counter() after the assembly.
+        """
         form, seconds = self.discretized, {"build": built - self.started, "solve": time.perf_counter() - built}
         return {"discretized": form, "report": report, "work": form.work(operator, report), "seconds": seconds}
 
@@ -272,7 +276,7 @@ class SolveContext:
 def surely_positive(form: FormValues) -> bool:
     """Return True if the signs of the data show that the continuous operator has no eigenvalue below zero.
 
-    They do if there is no velocity, c is nowhere negative and all conditions are dissipative.
+    They do if there is no velocity, c is nowhere negative and all conditions are dissipative. False: unknown.
     """
     terms = form.scene.problem.terms()
     if terms.velocity is not None or float(form.data_at_points(terms.c, "the factor c").min(initial=0.0)) < 0:

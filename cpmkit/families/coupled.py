@@ -99,7 +99,7 @@ def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> 
 
 
 def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) -> CsrOperator:
-    """Return the operator of all channels, from ``stiffness`` of one and ``coupling`` C (p, k, k) at the points."""
+    """Return the operator of all k channels, from ``stiffness`` of one and ``coupling`` C (p, k, k) at the points."""
     from scipy.sparse import bsr_array
 
     channels = coupling.shape[1]
@@ -125,7 +125,7 @@ def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) 
 
 
 def _levels_for_channels(form: Discretized, stiffness: Operator, channels: int) -> Sequence[Level]:
-    """Return the multigrid levels of a scalar ``stiffness``, each repeated for all ``channels``."""
+    """Return the multigrid levels of ``stiffness``, the operator of one channel, each repeated for all ``channels``."""
     from scipy.sparse import eye_array, kron
 
     levels = []
@@ -152,7 +152,7 @@ class BiharmonicRecord(SolutionRecord):
     second: Floats
 
     def laplacian(self, points: Any, side: Sides = None) -> Floats:
-        """Return Lap u at ``points``; parameters and shape as for :meth:`cpmkit.Solution.evaluate`."""
+        """Return Lap u at ``points``; parameters and shape of :meth:`cpmkit.Solution.evaluate`."""
         values: Floats = replace(self, values=self.second).evaluate(points, side)
         return values
 
@@ -192,10 +192,11 @@ _Pair = tuple[Floats, Floats, SolveReport, tuple[Imbalance, ...]]
 
 
 def _solve_as_complex_system(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
-    """Solve ``K u - M v = r`` and ``c M u + K v = q`` for c > 0; return u, v, the report and no imbalances.
+    """Solve ``K u - M v = r`` and ``c M u + K v = q`` for c > 0; return u, v, the report and no imbalances ().
 
-    ``stiffness`` is K; M is the mass matrix of equations in time, since for large c the consistent mass matrix leaves
-    some unknowns undetermined. Raises ConvergenceError if the solver does not reach the tolerance.
+    ``stiffness`` is K; r, q, u, v are (n, channels). M is the mass matrix of equations in time, since for large c the
+    consistent mass matrix leaves some unknowns undetermined. Raises ConvergenceError if the solver does not reach the
+    tolerance.
     """
     s, mass = float(np.sqrt(c)), context.discretized.mass_in_time
     system = context.cache.get(("complex", s), context.prepare_system, ComplexShift(stiffness, s, mass))
@@ -207,7 +208,8 @@ def _solve_as_complex_system(context: SolveContext, stiffness: Stiffness, c: flo
 def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
     """Solve ``K v = q``, then ``K u = r + M v``, for c = 0; return u, v, the report and the imbalances of f.
 
-    ``stiffness`` is K. On pieces where no condition fixes a constant, u has mean zero. Raises ConvergenceError.
+    ``stiffness`` is K; r, q, u, v are (n, channels). On pieces where no condition fixes a constant, u has mean zero.
+    Raises ConvergenceError if the solver does not reach the tolerance.
     """
     del c  # is zero
     form = context.discretized
@@ -223,7 +225,7 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
 
 
 def _prepare_laplacian(context: SolveContext, stiffness: Stiffness) -> PreparedSystem:
-    """Return the prepared system of ``stiffness`` K, bordered on pieces where no condition fixes a constant."""
+    """Return the prepared system of ``stiffness`` K, with a border on pieces where no condition fixes a constant."""
     return context.prepare_system(with_border(context.discretized, stiffness))
 
 

@@ -129,7 +129,7 @@ def _in_total(
 
 
 def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = None) -> SolutionRecord:
-    """Return the solution of the scene with a linear equation of these ``terms``, from the ``guess`` u (n, 1)."""
+    """Return the solution of the scene with linear ``terms``; ``guess`` (n, 1) is the initial u, None for zero."""
     scene = replace(context.scene, problem=_FrozenEquation(terms))
     form = context.discretized.with_scene(scene)
     return solve_steady(replace(context, discretized=form, guess=guess, cache=OperatorCache()))
@@ -181,11 +181,9 @@ def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float |
 def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext], SolutionRecord]) -> SolutionRecord:
     """Solve a steady scene with fluxes that depend on u by Newton's method, and return the solution.
 
-    Raises SceneError if the scene has several channels, or the fluxes do not fix a constant. Raises
-    ResolutionError if a flux grows with u faster than the spacing resolves. Raises ConvergenceError if Newton's method
-    does not converge.
-
-    ``solve_linear`` is the solver of the equation's family, for linear conditions.
+    ``solve_linear`` is the solver of the equation's family, for linear conditions. Raises SceneError if the scene has
+    several channels, or the fluxes do not fix a constant. Raises ResolutionError if a flux grows with u faster than the
+    spacing resolves. Raises ConvergenceError if Newton's method does not converge.
     """
     scene, form = context.scene, context.discretized
     if scene.channels > 1:
@@ -213,10 +211,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
 
 
 def _check_balance(solution: SolutionRecord) -> None:
-    """Raise SceneError if f had to be changed on a piece of the manifold where the fluxes do not fix a constant.
-
-    The message has a point of this piece.
-    """
+    """Raise SceneError if f had to be changed on a piece of the manifold where the fluxes do not fix a constant."""
     for defect in solution.imbalances:
         if defect.of == "data" and defect.relative > defect.explained:
             near = place(defect.near)

@@ -68,7 +68,7 @@ class Steps:
         return State(u, stiffness, b, residual, border)
 
     def lagged_step(self, state: State) -> tuple[State, SolveReport]:
-        """Return the state after a step with the diffusivity at ``state``, and the report of its linear solve."""
+        """Return the state after a linear solve with the diffusivity at ``state``, and the report of this solve."""
         change, report = self._solve(state.stiffness, state)
         return self.state(state.u + change), report
 
@@ -140,5 +140,5 @@ class Steps:
 
 
 def _size(residual: Floats, weights: Any) -> float:
-    """Return the Euclidean norm of a residual (n, 1), its squares weighted by ``weights`` (n, 1)."""
+    """Return the Euclidean norm of a residual (n, 1) whose squares are multiplied by ``weights`` (n, 1)."""
     return float(np.sqrt(np.sum(weights * residual**2)))

@@ -40,7 +40,7 @@ def assemble(form: Discretized) -> LinearSystem:
 
 
 def _prepare_system(context: SolveContext) -> tuple[Stiffness, PreparedSystem]:
-    """Return the operator A of a steady problem, and its prepared system, bordered where constants are undetermined."""
+    """Return the operator A of a steady problem, and its prepared system, with a border where a constant is free."""
     form = context.discretized
     stiffness = form.stiffness(form.scene.problem.terms())
     return stiffness, context.prepare_system(with_border(form, stiffness))
@@ -74,7 +74,7 @@ def solve_steady(context: SolveContext) -> SolutionRecord:
 
 
 def _solve_system(context: SolveContext, system: PreparedSystem, b: Floats) -> tuple[Floats, SolveReport]:
-    """Return the solution (n, channels) of the system with right-hand side b, and the report.
+    """Return the solution (n, channels) of the system with right-hand side b (n, channels), and the report.
 
     Raises ConvergenceError if the solver does not reach the tolerance; for standing waves the message says if an
     eigenvalue is the cause.

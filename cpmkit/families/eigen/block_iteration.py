@@ -40,7 +40,7 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
     """Return the ``width`` least eigenvalues, ascending, with eigenvectors; only the first ``count`` have converged.
 
     Raises ResolutionError if the functions do not fit into the memory of this process. Raises ConvergenceError if a
-    residual of the first ``count`` pairs is above the tolerance after all rounds, or A - sigma B is not positive
+    pair of the first ``count`` changes by more than half the tolerance after all rounds, or A - sigma B is not positive
     definite.
     """
     _check_fits(iteration, count, width)
@@ -93,7 +93,7 @@ def _relative_changes(iteration: InverseIteration, corrections: Floats, theta: F
 
 
 def _block_of(iteration: InverseIteration, functions: Floats) -> FunctionBlock:
-    """Return the block of ``functions`` (n, k) with its products, which are counted."""
+    """Return the block of ``functions`` (n, k) with its products, which are counted in ``iteration.products``."""
     iteration.products += functions.shape[1]
     return FunctionBlock(functions, iteration.operator.apply(functions), iteration.image(functions))
 
@@ -102,7 +102,7 @@ def _orthonormal(iteration: InverseIteration, functions: Floats, blocks: Sequenc
     """Return combinations (n, m) of ``functions`` (n, k) orthonormal in energy, and orthogonal to ``blocks``.
 
     m is less than k if the functions and blocks are linearly dependent. Orthogonalisation is done twice, because of
-    rounding. Raises ConvergenceError if an energy is not above zero.
+    rounding, and products are counted. Raises ConvergenceError if an energy is not above zero.
     """
     iteration.products += functions.shape[1]
     energies = np.einsum("nk,nk->k", functions, iteration.operator.apply(functions))

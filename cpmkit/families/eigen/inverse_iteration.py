@@ -67,7 +67,7 @@ class InverseIteration:
         return self.apply_inverse(self.image(v))
 
     def apply_inverse(self, image: Floats) -> Floats:
-        """Return ``(A - sigma B)^-1`` times ``image`` (n,) or (n, k)."""
+        """Return ``(A - sigma B)^-1`` times ``image`` (n,) or (n, k), and count; raise ConvergenceError if it fails."""
         columns = np.ascontiguousarray(image.reshape(len(image), -1))
         u, report = self.prepared.solve(columns, self.context.tolerance)
         self.products, self.solves = self.products + report.operator_applications, self.solves + 1
@@ -75,7 +75,7 @@ class InverseIteration:
         return np.asarray(u.reshape(image.shape))
 
     def apply_preconditioner(self, residual: Floats) -> Floats:
-        """Return the preconditioner times a residual (n, k)."""
+        """Return the preconditioner, which must not be None, times a residual (n, k), and count the products."""
         assert self.preconditioner is not None
         self.products += self.preconditioner.preconditioner.products * residual.shape[1]
         self.solves += 1
@@ -83,7 +83,7 @@ class InverseIteration:
         return self.preconditioner.precondition(np.ascontiguousarray(residual))
 
     def failure(self, reason: str, remedy: str, residual: float = np.inf) -> ConvergenceError:
-        """Return the ConvergenceError, with a report, for eigenvalues that were not found."""
+        """Return the ConvergenceError, with ``reason``, ``remedy`` and a report with the relative ``residual``."""
         report = self.context.report(False, self.solves, self.products, residual, reason)
         return ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report)
 
@@ -96,8 +96,8 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
     """Return inverse iteration for a problem, with a shift close to the number near which eigenvalues are sought.
 
     Without such a number the shift is below the least c (0 for Steklov conditions), and for symmetric operators without
-    multigrid below the spectrum. Raises SceneError if no number below the spectrum is found, or a Steklov problem has a
-    piece with Neumann conditions alone.
+    multigrid below the spectrum. ``stiffness`` is A. Raises SceneError if no number below the spectrum is found, or a
+    Steklov problem has a piece with Neumann conditions alone.
     """
     form = context.discretized
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
@@ -129,7 +129,8 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
 def _below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> float:
     """Return a number below all eigenvalues: ``shift`` itself, or a lower number, by steps from 4 ``unit`` on.
 
-    Conditions that add energy may cause eigenvalues far below zero. Raises SceneError if no such number is found.
+    ``stiffness`` is A, ``mass`` B or None for the identity. Conditions that add energy may cause eigenvalues far below
+    zero. Raises SceneError if twelve trials find no such number.
     """
     for _ in range(12):
         try:
@@ -147,13 +148,13 @@ def _below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) 
 def _prepare_shifted(
     context: SolveContext, stiffness: Stiffness, shift: float, mass: Any
 ) -> tuple[Operator, PreparedSolver]:
-    """Return A - shift B and the prepared solver of its systems."""
+    """Return A - shift B and the prepared solver of its systems; A is ``stiffness``, B ``mass`` (None: identity)."""
     operator = stiffness.minus_shifted_mass(shift, mass)
     return operator, context.prepare(operator)
 
 
 def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
-    """Return the ``count`` eigenpairs nearest to the shift, by ARPACK.
+    """Return the ``count`` eigenpairs nearest to the shift, in any order, by ARPACK.
 
     Raises ConvergenceError if a linear solve or the iteration does not reach the tolerance.
     """

@@ -63,7 +63,7 @@ def solve_eigen(context: SolveContext) -> EigenRecord:
 
 
 def _check_signs(form: Discretized, least: float, negligible: float) -> None:
-    """Raise ResolutionError if the ``least`` eigenvalue is below ``-negligible``, but no exact one below 0."""
+    """Raise ResolutionError if the ``least`` eigenvalue is below ``-negligible``, but no exact one is negative."""
     if least < -negligible and surely_positive(form):
         raise ResolutionError(
             f"spacing={form.spacing:g} is too coarse for this surface: parts of it about two spacings thick read each "
@@ -73,7 +73,7 @@ def _check_signs(form: Discretized, least: float, negligible: float) -> None:
 
 
 def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:
-    """Return more eigenpairs than are requested, if there are more, by the method that suits their number.
+    """Return eigenpairs, more than requested where there are more, by the method that suits their number.
 
     Raises InputError, ResolutionError or ConvergenceError as :func:`solve_eigen` does.
     """
@@ -142,7 +142,8 @@ def _normalise(form: Discretized, values: Floats, functions: Floats, equal: Floa
 def _residuals(iteration: InverseIteration, values: Any, vectors: Any) -> Floats:
     """Return the relative change (k,) of each eigenvector (n, k) in one more step of inverse iteration.
 
-    If the solver has a preconditioner for symmetric problems, a preconditioned step is used instead.
+    ``values`` (k,) are the eigenvalues, ``vectors`` the eigenvectors, real or complex. If the solver has a
+    preconditioner for symmetric problems, a preconditioned step is used instead.
     """
     if iteration.preconditioner is not None:
         return block_changes(iteration, values, vectors)

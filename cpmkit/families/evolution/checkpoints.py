@@ -49,9 +49,9 @@ CHECKPOINT_WORDS = "a checkpoint of a run in time"
 
 
 def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTally) -> None:
-    """Write ``state`` into a file, completely or not at all, with the digests that identify its run.
+    """Write ``state`` into an .npz file, completely or not at all, with the digests that identify its run.
 
-    Raises InputError if the file cannot be written.
+    ``tally`` has the counts of the linear solves. Raises InputError if the file cannot be written.
     """
     arrays: dict[str, Any] = {
         f"{name}_{k}": array
@@ -110,7 +110,10 @@ def _differs(path: Path) -> str:
 
 
 def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise InputError if a checkpoint's steps are not those of this run, or its state does not belong to them."""
+    """Raise InputError if a checkpoint's steps are not those of this run, or its state does not belong to them.
+
+    ``arrays`` are those of the file ``path`` by name, see :data:`CHECKPOINT_ARRAYS`.
+    """
     ends, is_frame = arrays["ends"], arrays["kept"]
     done = plan.steps[: len(ends)]
     same = len(done) == len(ends) > 0 and np.array_equal(is_frame, [step.is_frame for step in done])

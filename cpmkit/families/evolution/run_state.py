@@ -108,7 +108,7 @@ class RunState:
 
 
 def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:
-    """Return a moment with u changed by the user's function ``after_step``; the moment itself if there is none."""
+    """Return ``moment`` with u changed by the user's function ``after_step``; itself if there is none or no change."""
     if evolution.after_step is None:
         return moment
     values = form.at_points(moment.u)
@@ -122,8 +122,8 @@ def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Momen
 def rate_of_change(form: Discretized, start: Moment, history: History) -> float:
     """Return the relative change of u in the last step, per unit of time; infinite before the first step.
 
-    The change is a root mean square over the manifold, summed over the channels, relative to the size of u at the start
-    or now, whichever is larger.
+    The change is a root mean square over the manifold, summed over the channels, relative to the size of u at ``start``
+    or now (the last of ``history``), whichever is larger; zero if both are zero.
     """
     if len(history) < 2 or history[-1].length == 0:
         return float("inf")

@@ -19,7 +19,7 @@ from cpmkit.types import Floats
 
 
 def run_warnings(plan: RunPlan, history: History) -> tuple[str, ...]:
-    """Return the warnings at the end of a run; ``history`` has its last moments."""
+    """Return the warnings at the end of a run, () if there are none; ``history`` has its last moments."""
     checks = (_oscillation, _unresolved_wave, _short_pattern, _long_step, _heat_drift, _missed_rest)
     return tuple(text for check in checks for text in check(plan, history))
 
@@ -71,9 +71,9 @@ def growth_check(plan: RunPlan) -> Callable[[Floats, float], None] | None:
     """Return a function of u (n, channels) and the time that raises ResolutionError if u exceeds an a priori bound.
 
     If A has no eigenvalue below zero and the data do not depend on time, the norm of u is at most ``start + rate t``
-    for heat and ``start + rate t + push t^2 / 2`` for waves, t after the start: a larger norm proves an eigenvalue of
-    the wrong sign. None for other data, operators and equations, and with a mass matrix, since the norm of b then does
-    not bound that of ``M^-1 b``.
+    for heat and ``start + rate t + push t^2 / 2`` for waves, t after the start: a norm of four times that proves an
+    eigenvalue of the wrong sign. None for other data, operators and equations, and with a mass matrix, since the norm
+    of b then does not bound that of ``M^-1 b``.
     """
     problem, evolution, start, form = plan.problem, plan.evolution, plan.start, plan.problem.form
     if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
@@ -85,6 +85,7 @@ def growth_check(plan: RunPlan) -> Callable[[Floats, float], None] | None:
         rate, push = float(np.linalg.norm(start.rate)), rate
 
     def check(u: Floats, time: float) -> None:
+        """Raise ResolutionError if the norm of u (n, channels) at ``time`` exceeds four times its a priori bound."""
         elapsed = time - start.time
         bound, size = first + rate * elapsed + 0.5 * push * elapsed**2, float(np.linalg.norm(u))
         if size > 4 * bound > 0:  # the norm is over the band, whose nodes are not equally dense everywhere

@@ -41,7 +41,7 @@ Scheme = Callable[[SemiDiscrete, ShiftedSolver, History, Step], Moment]
 
 
 def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of a step of backward Euler."""
+    """Return the moment at the end of ``step`` by backward Euler, from the last moment of ``history``."""
     h = step.length
     right_side = problem.times_mass(history[-1].u) + h * problem.forcing(step.end)
     if problem.reaction is not None:
@@ -50,7 +50,7 @@ def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
 
 
 def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of a step of BDF2, or of two half steps of backward Euler without an earlier moment.
+    """Return the moment at the end of ``step`` by BDF2, or two half steps of backward Euler without an earlier moment.
 
     That is the first step, and any that is more than twice as long as all remembered steps together.
     """
@@ -66,7 +66,7 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
 
 
 def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of a step of Crank-Nicolson."""
+    """Return the moment at the end of ``step`` by Crank-Nicolson, from the last moment of ``history``."""
     half, u = 0.5 * step.length, history[-1].u
     solver.tally.operator_applications += u.shape[1]
     right_side = problem.times_mass(u) + half * (problem.rate(u, step.start) + problem.forcing(step.end))
@@ -84,7 +84,7 @@ def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history:
 
 
 def half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of a step that is made as two half steps of backward Euler."""
+    """Return the moment at the end of ``step``, made as two half steps of backward Euler."""
     half, middle = 0.5 * step.length, 0.5 * (step.start + step.end)
     first = backward_euler(problem, solver, history, Step(step.start, middle, half, False))
     second = backward_euler(problem, solver, [*history, first], Step(middle, step.end, half, False))
@@ -95,7 +95,7 @@ def previous_moment(history: History, length: float) -> tuple[Moment | None, flo
     """Return the earlier moment that BDF2 uses, and the ratio of the step's ``length`` to the time since then.
 
     It lies at least half a step back: with a shortened step before a full one the coefficients would be large. None and
-    0 without such a moment.
+    0 if ``history`` has no such moment.
     """
     back = 0.0
     for k in range(len(history) - 1, 0, -1):
@@ -106,15 +106,15 @@ def previous_moment(history: History, length: float) -> tuple[Moment | None, flo
 
 
 def bdf2_start(now: Floats, before: Floats, ratio: float) -> Floats:
-    """Return the combination of earlier values (n, channels) in BDF2, ``[(1 + w)^2 now - w^2 before] / (1 + 2 w)``.
+    """Return the combination (n, channels) of earlier values in BDF2, ``[(1 + w)^2 now - w^2 before] / (1 + 2 w)``.
 
-    w is ``ratio``, the ratio of the step to the time from ``before`` to ``now``.
+    w is ``ratio``, the ratio of the step to the time from ``before`` to ``now``, both (n, channels).
     """
     return np.asarray(((1 + ratio) ** 2 * now - ratio**2 * before) / (1 + 2 * ratio))
 
 
 def extrapolate(history: History, length: float) -> Floats:
-    """Return the polynomial through the last values, extrapolated by ``length`` (n, channels), as an initial guess."""
+    """Return the polynomial through u at all moments, extrapolated by ``length`` (n, channels), as an initial guess."""
     times = -np.cumsum([0.0, *(moment.length for moment in history[:0:-1])])
     values = np.zeros_like(history[-1].u)
     for k, moment in enumerate(reversed(history)):
@@ -124,7 +124,7 @@ def extrapolate(history: History, length: float) -> Floats:
 
 
 def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment of a wave at the end of a step of Newmark's average acceleration."""
+    """Return a wave's moment, u and rate, at the end of ``step`` by Newmark's average acceleration."""
     now, h = history[-1], step.length
     assert now.rate is not None
     solver.tally.operator_applications += now.u.shape[1]
@@ -135,7 +135,7 @@ def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step
 
 
 def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of a step of leapfrog, damped from the second step on.
+    """Return the moment at the end of ``step`` by leapfrog, damped from the second step on; the solver only counts.
 
     First the rate is advanced, over half of the last step and half of this one, then the values.
     """
@@ -155,7 +155,7 @@ def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, ste
 
 
 def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment of a wave after a step of BDF2, or of backward Euler as for :func:`bdf2`, such as the first."""
+    """Return a wave's moment at the end of ``step`` by BDF2, or by backward Euler without an earlier moment."""
     now = history[-1]
     before, ratio = previous_moment(history, step.length)
     assert now.rate is not None

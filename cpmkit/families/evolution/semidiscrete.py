@@ -131,7 +131,7 @@ class SolveTally:
     solver: str = ""  #: Name of the solver of the last step; empty before the first step.
 
     def add(self, other: SolveReport | SolveTally) -> None:
-        """Add the counts of one solve, or of an earlier part of the run."""
+        """Add in place the counts of one solve, or of an earlier part of the run; keep the larger residual."""
         self.iterations += other.iterations
         self.operator_applications += other.operator_applications
         self.residual = max(self.residual, other.residual)
@@ -157,7 +157,7 @@ class ShiftedSolver:
         )
 
     def _solve(self, group: ChannelGroup, factor: float, right_side: Floats, guess: Floats) -> Floats:
-        """Return the solution (n, k) for the k channels of a group; the system of each ``factor`` is cached."""
+        """Return the solution (n, k) for the k channels of a group, and count it; a ``factor``'s system is cached."""
         depends_on_time = conditions_depend_on_time(self.problem.form.scene)  # and so may the mass matrix
         key = ("shifted", operator_key(group.terms), depends_on_time, factor)
         system: PreparedSystem = self.context.cache.get(key, self._prepare, group, factor)
@@ -196,6 +196,6 @@ class ShiftedSolver:
         return pieces
 
     def _prepare(self, group: ChannelGroup, factor: float) -> PreparedSystem:
-        """Return the prepared system of ``M + factor A`` of a group."""
+        """Return the prepared system of ``M + factor A``, A being the operator of a group."""
         mass = self.problem.form.mass_in_time
         return self.context.prepare_system(group.stiffness.scaled_plus_mass(factor, mass))

@@ -87,7 +87,7 @@ def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
 
 
 def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
-    """Take all steps, from the start or from a checkpoint, write checkpoints, and return the state at the end."""
+    """Take all steps, or steps up to rest, from the start or a checkpoint, write checkpoints; return the last state."""
     target, total, evolution = context.checkpointing, len(plan.steps), plan.evolution
     scheme = SCHEMES[evolution.scheme]
     if scheme is damped_crank_nicolson and getattr(evolution, "start", "") == "plain":
@@ -119,10 +119,10 @@ def _has_ended(plan: RunPlan, state: RunState) -> bool:
 def _take_step(
     state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Scheme, check_growth: Callable[..., None] | None
 ) -> RunState:
-    """Return the state after one more step.
+    """Return the state after one more step by ``scheme``.
 
-    Raises ConvergenceError if the linear solver does not reach the tolerance. Raises ResolutionError if the solution is
-    not finite, or fails ``check_growth``.
+    Raises ConvergenceError, with the time, if the linear solver does not reach the tolerance. Raises ResolutionError if
+    the solution is not finite, or fails ``check_growth`` (None: no check).
     """
     step = plan.steps[state.done]
     try:
@@ -146,7 +146,7 @@ def _take_step(
 def _solution_at_end(
     context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, built: float
 ) -> EvolvedRecord:
-    """Return the solution at the end of a run, with its frames and warnings; ``built`` is when the steps began."""
+    """Return the solution at the end of a run, with frames and warnings; ``built`` is perf_counter() before the run."""
     u, total, end = state.history[-1].u, state.done, state.history[-1].time
     reason = (
         f"relative residual {tally.residual:.2e} at most in {total} steps with {tally.iterations} iterations, "

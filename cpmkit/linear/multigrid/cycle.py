@@ -184,7 +184,8 @@ def _without_singular(strip: Ints, piece: Ints) -> Ints:
 def largest_eigenvalue(matrix: UnsignedCsr, inverse: Floats) -> float:
     """Return an estimate, from below, of the largest eigenvalue of ``D^-1 A`` by twelve steps of Lanczos' method.
 
-    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero; 1 without such unknowns.
+    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero; without any, 1 is
+    returned.
     """
     root = np.sqrt(inverse)[:, None]
     v = np.random.default_rng(0).standard_normal(root.shape) * (root > 0)

@@ -173,7 +173,7 @@ class Schwarz:
         return np.zeros_like(b), b
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x (n, channels), changed in place, after a solve on each block; its residual is ``b - A x`` at first."""
+        """Return x (n, channels), changed in place, after a solve on each block, all with the first ``b - A x``."""
         residual = b - self.matrix @ x
         for own, unknowns, factors in self.blocks:
             x[own] += factors.solve(residual[unknowns])[np.searchsorted(unknowns, own)]
