@@ -36,8 +36,7 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
     Neighbours share the middles of their edges. Both halves of an edge on a boundary lie on it, in its direction. The
     edges halved are the longest of their triangles, and needles are cut across first, so that angles do not degenerate.
 
-    ``mesh``: flat cells.
-    ``length``: longest edge, in the unit of the vertices.
+    ``mesh``: flat cells. ``length``: longest edge, in the unit of the vertices.
     """
     assert mesh.midpoints is None
     if mesh.manifold_dim == 1:
@@ -229,8 +228,7 @@ def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None 
     Otherwise the samples of one segment would lie in several lattice cells, and the error would not fall with the
     spacing.
 
-    ``mesh``: flat segments.
-    ``spacing``: h, in the unit of the vertices.
+    ``mesh``: flat segments. ``spacing``: h, in the unit of the vertices.
     ``source``: the curve: if given, the split points are where the curve crosses the planes, else where its chords do.
     """
     assert mesh.midpoints is None

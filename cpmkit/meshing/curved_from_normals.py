@@ -41,9 +41,8 @@ def curve_cells(
 ) -> Mesh:
     """Return the flat or quadratic cells that get quadrature samples; segments are split at the lattice's knot planes.
 
-    ``mesh``: flat cells, subdivided, with the boundaries inserted.
+    ``mesh``: flat cells, subdivided, with the boundaries inserted. ``source``: the manifold.
     ``geometry``: see :data:`~cpmkit.mesh.mesh.CellGeometry`; "closest_point" for a contoured mesh.
-    ``source``: the manifold.
     ``boundaries``: the boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its
         vertices.
     ``spacing``: spacing h of the lattice.
@@ -70,8 +69,7 @@ class SmoothNormals:
 def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
     """Return triangles with edges halved at points of the smooth surface until none is longer than ``length``.
 
-    ``mesh``: the flat triangles of a mesh.
-    ``source``: the same mesh, with normals.
+    ``mesh``: the flat triangles of a mesh. ``source``: the same mesh, with normals.
     ``length``: longest edge, in the unit of the vertices.
     """
     normals, halving = smooth_vertex_normals(source, mesh), None
@@ -88,8 +86,7 @@ def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
 def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return quadratic triangles with nodes on the smooth surface, those of facets on boundaries on the boundaries.
 
-    ``mesh``: triangles of :func:`refine_smooth`, subdivided, with the boundaries inserted.
-    ``source``: the manifold.
+    ``mesh``: triangles of :func:`refine_smooth`, subdivided, with the boundaries inserted. ``source``: the manifold.
     ``boundaries``: the boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its
         vertices.
     """
@@ -128,7 +125,7 @@ def smooth_vertex_normals(source: LocalSource, mesh: Mesh) -> SmoothNormals:
 
 
 def smooth_normals(source: LocalSource, points: Floats) -> SmoothNormals:
-    """Return the source's normals at the feet of ``points`` (n, d); beside creases those of its flat triangles."""
+    """Return ``source.normals`` at the feet of ``points`` (n, d); beside creases those of the flat triangles."""
     feet = source.closest_point(np.ascontiguousarray(points))
     across = source.normals(feet)
     if not source.has_creases:
@@ -163,14 +160,15 @@ def smooth_midpoints(
 
 
 def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> EdgeSupport:
-    """Return the support of the edges of a mesh, from ``normals`` at its vertices."""
+    """Return the support of the edges of a mesh of triangles, from ``normals`` at its vertices."""
     return edge_support(mesh.vertices, mesh.edges.ends, normals.across[mesh.edges.ends], normals.flat)
 
 
 def own_edge_support(source: LocalSource) -> EdgeSupport | None:
     """Return how well the surface beyond the ends of each edge of a source's own mesh agrees with the bend along it.
 
-    None for a source whose mesh depends on the spacing, or was not made yet (:func:`mesh_cache_of`).
+    It is computed once and cached. None for a source whose mesh depends on the spacing, or was not made yet
+    (:func:`mesh_cache_of`).
     """
     cache = mesh_cache_of(source)
     if cache is None:
@@ -219,7 +217,7 @@ def _extend_normals(source: LocalSource, mesh: Mesh, cache: MeshCache, normals: 
 
 
 def _cached_heights(source: LocalSource, cache: MeshCache) -> Floats:
-    """Return the vectors (e, d) from the middles of the edges of a source's own cells to the smooth surface."""
+    """Return the vectors (e, d) from the middles of the edges of a source's own cells to the smooth surface, cached."""
 
     def heights() -> Floats:
         """Compute the vectors (e, d) in the scene's coordinates."""
@@ -246,7 +244,7 @@ def _height_shares(source: LocalSource, mesh: Mesh, normals: SmoothNormals) -> F
 
 
 def _is_supported_union(source: LocalSource) -> bool:
-    """Return whether a source is a union of meshes whose edges all keep their whole heights."""
+    """Return whether a source is a union of meshes whose edges keep their heights; caches of the members are filled."""
     if not isinstance(source.of, HasMembers):
         return False
     for member in source.of.members:

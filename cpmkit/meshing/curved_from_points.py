@@ -29,11 +29,10 @@ def curve_from_points(
 ) -> Mesh:
     """Return quadratic cells with nodes on the manifold, those of facets and rim edges on the true boundaries and rims.
 
-    ``mesh``: flat cells near the manifold, subdivided, with the boundaries inserted.
-    ``source``: the manifold.
+    ``mesh``: flat cells near the manifold, subdivided, with the boundaries inserted. ``source``: the manifold.
     ``boundaries``: the boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its
         vertices.
-    ``spacing``: spacing of the lattice: segments are split where the curve crosses its knot planes.
+    ``spacing``: spacing of the lattice: segments are split where the curve crosses its knot planes; None: no splits.
     """
     mesh = move_vertices_to_manifold(mesh, source, boundaries)
     if mesh.manifold_dim == 1 and spacing is not None:
@@ -45,7 +44,8 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
     """Return the mesh with its vertices on the manifold, rim vertices on its rim, boundary vertices on the boundaries.
 
     Vertices far from their boundary stay; facets that continue a boundary past its tip lie on the manifold alone.
-    Vertices beside boundaries move along; facets and cells change where triangles would turn over.
+    Vertices beside boundaries move along; facets and cells change where triangles would turn over. ``source`` is the
+    manifold; for ``boundaries`` see :func:`curve_from_points`.
     """
     rim = rim_of_vertices(mesh)
     points = _to_manifold(source, mesh.vertices, rim)
@@ -77,7 +77,7 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
 def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return the mesh with a midpoint for each edge: on the manifold, and on its boundary or rim; on chords at creases.
 
-    ``boundaries`` have the order of their numbers in ``mesh.owner``; None stands for a boundary that is left out.
+    ``source``: the manifold. ``boundaries``: in the order of their numbers in ``mesh.owner``; None for one left out.
     """
     edges, length = mesh.edges, mesh.edge_lengths
     straight = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
@@ -134,7 +134,7 @@ def boundary_vertices(mesh: Mesh, owner: int) -> Ints:
 
 
 def extreme_edge_lengths(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
-    """Return the length (v,) of the np.minimum or np.maximum (``extreme``) edge at vertices ``rows``, else ``none``."""
+    """Return the ``extreme`` (np.minimum, np.maximum) edge length (v,) at vertices ``rows`` (k,), else ``none``."""
     chosen = np.zeros(len(mesh.vertices), dtype=bool)
     chosen[rows] = True
     lengths = np.full(len(mesh.vertices), none)

@@ -69,7 +69,7 @@ class MeshCache:
         return not len(mesh.cut) and mesh.cells is self.mesh.cells
 
     def value(self, name: str, compute: Callable[[], Value]) -> Value:
-        """Return the quantity ``name``, computed by ``compute`` at the first call."""
+        """Return the quantity ``name``, computed by ``compute`` at the first call and stored in ``values``."""
         if name not in self.values:
             self.values[name] = compute()
         value: Value = self.values[name]
@@ -82,8 +82,8 @@ MESH_CACHES: WeakKeyDictionary[Any, MeshCache] = WeakKeyDictionary()
 def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache | None:
     """Return the cache of a source's mesh; None where the source has no mesh that is the same at any spacing.
 
-    ``cells`` (m, k): the cells that the source has just returned: a cache is created for them. Without cells, only an
-        existing cache is returned.
+    ``cells`` (m, k): the cells that the source has just returned: a cache is created and stored for them. Without
+        cells, only an existing cache is returned.
     """
     of: Any = source.of
     try:
@@ -126,6 +126,6 @@ def repair_source_mesh(source: LocalSource, mesh: Mesh, split: bool = False) -> 
 
 
 def _repair_mesh(mesh: Mesh) -> RepairedMesh:
-    """Return the repair of ``mesh``."""
+    """Return the repair of a flat ``mesh`` without boundaries."""
     vertex_of, cells, report = repaired_cells(mesh)
     return RepairedMesh(vertex_of, Mesh.of(mesh.vertices[vertex_of], cells), report)

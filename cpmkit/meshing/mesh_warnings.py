@@ -32,7 +32,7 @@ def _cells_and_cure(geometry: CellGeometry, cure: str) -> tuple[str, str]:
 
 
 def repair_warnings(report: RepairReport, geometry: CellGeometry) -> Iterator[str]:
-    """Yield warnings on the repairs of a mesh, or of a triangulation by closest points."""
+    """Yield warnings on the repairs of the user's mesh, or, if ``geometry`` says so, of a contoured triangulation."""
     if report.doubled:
         cells, cure = _cells_and_cure(geometry, "clean the mesh")
         yield (
@@ -48,7 +48,7 @@ def repair_warnings(report: RepairReport, geometry: CellGeometry) -> Iterator[st
 
 
 def seam_warnings(places: Floats, surface: LocalSource, geometry: CellGeometry) -> Iterator[str]:
-    """Yield a warning if edges of rims lie on other rims, near ``places`` (k, d)."""
+    """Yield a warning if edges of rims lie on other rims; ``places`` (k, d) are relative to the lattice's origin."""
     if len(places):
         yield (
             f"{len(places)} edges of rims lie on other rims, the first near {_place_in_scene(places[0], surface)}: "
@@ -58,7 +58,7 @@ def seam_warnings(places: Floats, surface: LocalSource, geometry: CellGeometry) 
 
 
 def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
-    """Yield warnings on the triangulation of a surface by its closest points."""
+    """Yield warnings on the triangulation of ``surface`` by its closest points, from its ``report``."""
     if report.nonmanifold_share > MAX_NONMANIFOLD_SHARE:
         yield (
             f"{report.nonmanifold_share:.0%} of the edges of the triangulation by closest points have three triangles "
@@ -80,7 +80,7 @@ def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator
 
 
 def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
-    """Yield a warning if closest points are too noisy for the spacing."""
+    """Yield a warning if the closest points of ``source`` are too noisy for the lattice's ``spacing``."""
     if source.noise > NOISE_SHARE * spacing:
         yield (
             f"Closest points of this source are uncertain by about {source.noise:.2g}: points of one normal have other "
@@ -90,7 +90,7 @@ def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
 
 
 def with_noise_advice(texts: Iterator[str], source: LocalSource, spacing: float) -> tuple[str, ...]:
-    """Return ``texts``, for a noisy source with the advice of exacter closest points in place of a smaller spacing.
+    """Return ``texts``; for a source noisy at ``spacing``, exacter closest points replace a smaller spacing as the advice.
 
     A smaller spacing would increase the error by noise.
     """
@@ -99,7 +99,7 @@ def with_noise_advice(texts: Iterator[str], source: LocalSource, spacing: float)
 
 
 def _defect_warnings(defects: MeshDefects, surface: LocalSource) -> Iterator[str]:
-    """Yield warnings on the defects of a triangulation."""
+    """Yield warnings on the ``defects`` of a triangulation, with places in the scene's coordinates."""
 
     def first(places: Floats) -> str:
         """Return the text about the first of ``places`` (k, d)."""
@@ -162,7 +162,7 @@ def _place_in_scene(point: Floats, source: LocalSource) -> str:
 
 
 def insertion_warnings(insertion: Insertion, names: Sequence[str], spacing: float) -> Iterator[str]:
-    """Yield warnings on the insertion of boundaries with these ``names``; ``spacing`` is that of the lattice."""
+    """Yield warnings on the insertion of boundaries, ``names`` in their order; ``spacing`` is the lattice's."""
     for number, other in sorted(insertion.coincident):
         if number in insertion.empty:
             yield (

@@ -100,7 +100,7 @@ def is_suitable(source: LocalSource, mesh: Mesh, length: float) -> bool:
 
 
 def _own_mesh(source: LocalSource, length: float) -> Mesh | None:
-    """Return the source's own mesh with edges of ``length``; None if it has no cells, or cells of another dimension."""
+    """Return the source's own mesh for the edge ``length``; None if it has no cells, or cells of another dimension."""
     assert isinstance(source.source, HasMesh)
     vertices, cells = source.source.mesh(length)
     if cells.shape[1] != (source.manifold_dim or 0) + 1 or not len(cells):

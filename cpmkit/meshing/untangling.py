@@ -37,7 +37,7 @@ UNTANGLING_ROUNDS = 4
 def untangle_vertices(mesh: Mesh, before: Floats, moved: Floats) -> Floats:
     """Return ``moved`` (v, d), with the positions ``before`` (v, d) for vertices of triangles that would turn over.
 
-    A vertex that keeps its position ``before`` may lie off its boundary. Segments keep all of ``moved``.
+    A vertex that keeps its position ``before`` may lie off its boundary. For segments ``moved`` itself is returned.
     """
     if mesh.manifold_dim == 1:
         return moved
@@ -216,10 +216,9 @@ def _double_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Ints, Ints
 
 
 def _starts_at_common_corner(mesh: Mesh, pairs: Ints, corners: Ints) -> Ints:
-    """Return an array (k, 2): 1 where a row of ``mesh.cut`` in ``pairs`` starts at the common corner, else 0.
+    """Return an array (k, 2): 1 where a row of ``mesh.cut`` in ``pairs`` (k, 2) starts at the common corner, else 0.
 
-    The common corner is the first of ``corners`` (k, 3). Of two consecutive edges of a boundary exactly one starts
-    there.
+    The common corner is the first of ``corners`` (k, 3). Of two consecutive edges of a boundary just one starts there.
     """
     return np.asarray(mesh.cut[pairs][:, :, 0] == corners[:, :1], dtype=np.int64)
 
@@ -278,7 +277,7 @@ def flip_chords(mesh: Mesh) -> Mesh:
 
 
 def _rotate_corners(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[Ints, Ints]:
-    """Return the corners (k, 3) of triangles ``rows`` with corner ``lead`` first, and the opposite edges (k,)."""
+    """Return the corners (k, 3) of triangles ``rows`` (k,), ``lead`` (k,) first, and the edges (k,) opposite to it."""
     around = (lead[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells[rows], around, 1), edges.of_cells[rows, lead]
 
@@ -302,7 +301,7 @@ def _triangles_across(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Int
 
 
 def _area_vectors(vertices: Floats, cells: Ints) -> Floats:
-    """Return the normals (m, 3) of triangles ``cells`` (m, 3), as long as twice their areas."""
+    """Return normals (m, 3), as long as twice the area, of triangles ``cells`` (m, 3) with ``vertices`` (v, 2 or 3)."""
     x = vertices[cells]
     if x.shape[2] == 2:
         x = np.concatenate([x, np.zeros((*x.shape[:2], 1))], axis=2)

@@ -60,9 +60,8 @@ def find_defects(
 ) -> MeshDefects:
     """Return the defects of a triangulation made from lattice nodes.
 
-    ``nodes``: the nodes that the triangulation was made from.
-    ``vertices``, ``cells`` (v, 3) float64, (m, 3) int64.
-    ``on_rim`` (v,): which vertices lie on rims.
+    ``rims``: the test for rims. ``nodes``: the nodes that the triangulation was made from.
+    ``vertices``, ``cells`` (v, 3) float64, (m, 3) int64. ``on_rim`` (v,): which vertices lie on rims.
     ``folds`` (k, 3): centres of triangles that fold over.
     ``components_before``: the number of components before vertices were moved onto rims.
     ``spacing``: spacing of the form's lattice.

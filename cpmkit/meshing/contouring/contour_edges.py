@@ -85,7 +85,7 @@ class OpenEdges:
     conormals: Floats
 
     def take(self, rows: Bools | Ints) -> OpenEdges:
-        """Return the edges at ``rows``."""
+        """Return the edges at ``rows``, numbers or a mask."""
         return OpenEdges(self.edge[rows], self.ends[rows], self.middles[rows], self.conormals[rows])
 
     def normals(self, vertices: Floats) -> Floats:
@@ -107,13 +107,13 @@ def open_edges(vertices: Floats, cells: Ints, edges: EdgeTable) -> OpenEdges:
 
 
 def double_areas(vertices: Floats, cells: Ints) -> Floats:
-    """Return twice the area (m,) of each triangle."""
+    """Return twice the area (m,) of each of the triangles ``cells`` (m, 3) with ``vertices`` (v, 3)."""
     corners = vertices[cells]
     return norms(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
 def shortest_at_both_ends(ends: Ints, length: Floats, count: int) -> Ints:
-    """Return the rows (r,) of edges ``ends`` (k, 2), among ``count`` vertices, that are the shortest at both ends."""
+    """Return the rows (r,) of ``ends`` (k, 2), among ``count`` vertices, of least ``length`` (k,) at both ends."""
     order = np.argsort(length, kind="stable")
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))
@@ -138,7 +138,7 @@ def collapse_edges(cells: Ints, ends: Ints, count: int) -> Ints:
 def remove_small_components(vertices: Floats, cells: Ints, links: Ints, spacing: float) -> tuple[Ints, int]:
     """Return the triangles (n, 3) without components of hardly any area, and the number of components removed.
 
-    Triangles with a common link are connected, see :func:`components`. All stay where every component is that small.
+    ``links`` as in :func:`components_with_areas`. All triangles stay where every component is that small.
     """
     component, areas = components_with_areas(vertices, cells, links)
     is_small = areas < LEAST_COMPONENT_AREA * spacing**2

@@ -59,7 +59,8 @@ class LatticeNodes:
 def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> LatticeNodes:
     """Return the corners of all lattice cells that the surface may meet, with their closest points.
 
-    Raises ResolutionError if the source has no point inside its bounds.
+    The lattice has the ``spacing``, and is shifted against the origin by ``offsets`` (3,) spacings. Raises
+    ResolutionError if the source has no point inside its bounds.
     """
     for _, level in cell_levels(source, spacing, offsets):
         cells = level

@@ -109,7 +109,7 @@ def _hole_loops(ends: Ints, on_rim: Bools, count: int) -> list[Ints]:
 
 
 def _order_loop(ends: Ints) -> Ints:
-    """Return the vertices (b,) of one closed loop of edges ``ends`` (b, 2) in cyclic order."""
+    """Return the vertices (b,) of one closed loop of edges ``ends`` (b, 2), in cyclic order from the first edge."""
     neighbours: dict[int, list[int]] = {}
     for a, b in ends.tolist():
         neighbours.setdefault(a, []).append(b)
@@ -172,7 +172,7 @@ def _edges_of_four(
 
 
 def _angles_around(vertices: Floats, cells: Ints, edges: EdgeTable, edge: Ints, slots: Ints) -> tuple[Floats, Ints]:
-    """Return the ascending angles (k, 4) of the triangles around their edges, and the slots (k, 4) in that order."""
+    """Return ascending angles (k, 4) of the triangles at ``slots`` (k, 4) around ``edge`` (k,), and slots so sorted."""
     tail, head = vertices[edges.ends[edge]].transpose(1, 0, 2)
     along = unit(head - tail)
     outward = vertices[cells.ravel()[slots]] - tail[:, None]

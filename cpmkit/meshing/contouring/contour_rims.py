@@ -93,7 +93,7 @@ def move_to_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, 
 
 
 def edges_on_rim(border: OpenEdges, on_rim: Bools) -> Ints:
-    """Return the rows (r,) of the open edges with both ends on a rim."""
+    """Return the rows (r,) of the open edges ``border`` with both ends on a rim; ``on_rim`` (v,) marks vertices."""
     return np.flatnonzero(on_rim[border.ends].all(axis=1))
 
 

@@ -70,7 +70,7 @@ def _trace_on(source: LocalSource, spacing: float, step: float, shift: float) ->
 
 
 def _without_small_pieces(graph: CurveGraph, size: float) -> CurveGraph:
-    """Return the graph without connected pieces whose boxes have no side of this size."""
+    """Return the graph without connected pieces whose bounding boxes have no side of at least ``size``."""
     count, piece = connected_groups(graph.segments[:, 0], graph.segments[:, 1], len(graph.vertices))
     low, high = np.full((count, graph.vertices.shape[1]), np.inf), np.full((count, graph.vertices.shape[1]), -np.inf)
     np.minimum.at(low, piece, graph.vertices)
@@ -82,7 +82,7 @@ def _without_small_pieces(graph: CurveGraph, size: float) -> CurveGraph:
 def trace_defects(graph: CurveGraph, points: Floats, spacing: float, noise: float = 0.0) -> TraceDefects:
     """Return the defects of a trace: points that it misses or covers twice, and ends where the curve continues.
 
-    ``points`` (n, d) are samples of the whole curve.
+    ``points`` (n, d) are samples of the whole curve, ``noise`` the error of closest points, ``spacing`` the lattice's.
     """
     from scipy.spatial import KDTree
 

@@ -15,8 +15,9 @@ def unite_flat(
 ) -> None:
     """Unite crossings of one cell whose chord is flat (``dual_vertices.chord_is_flat``), in the forest ``group`` (k,).
 
-    Entry i of ``member`` and ``group`` is a crossing of a cell; cell c has the entries from ``start[c]`` to
-    ``start[c + 1]``. Afterwards ``group[i]`` is the root of the set of entry i.
+    Entry i of ``member`` and ``group`` is a crossing of a cell; entries of cell c start at ``start[c]``, and end before
+    ``start[c + 1]``. Afterwards ``group[i]`` is the root of the set of entry i. ``points`` and ``normals`` (n, 3) are
+    those of crossings; ``sine``, ``cosine`` and ``error`` are the tolerances of a flat chord.
     """
     for cell in range(len(start) - 1):
         for i in range(start[cell], start[cell + 1]):
@@ -37,7 +38,7 @@ def unite_flat(
 
 @compiled
 def unite(first: Ints, second: Ints, group: Ints) -> None:
-    """Unite the sets of entries ``first`` and ``second`` (p,) in the forest ``group`` (k,); let it hold the roots."""
+    """Unite the sets of entries ``first``, ``second`` (p,) in the forest ``group`` (k,); then it contains the roots."""
     for i in range(len(first)):
         group[find_root(group, first[i])] = find_root(group, second[i])
     for i in range(len(group)):
@@ -48,7 +49,7 @@ def unite(first: Ints, second: Ints, group: Ints) -> None:
 def nearest_pairs(start: Ints, member: Ints, points: Floats, group: Ints, pairs: Ints) -> int:
     """Fill ``pairs`` (p, 2) with the nearest two entries of any two groups in one cell, and return the number of pairs.
 
-    Entries as in :func:`unite_flat`. With ``pairs`` (0, 2) they are only counted.
+    Arguments as in :func:`unite_flat`; ``group`` contains the roots. With ``pairs`` (0, 2) they are only counted.
     """
     count = 0
     for cell in range(len(start) - 1):
@@ -110,7 +111,7 @@ def remove_flap_triangles(candidates: Ints, of: Ints, count: Ints, on_rim: Bools
 
 @compiled
 def _area(points: Floats, i: int, j: int, k: int) -> float:
-    """Return the area of the triangle of the points i, j and k."""
+    """Return the area of the triangle of the rows i, j and k of ``points`` (n, 3)."""
     ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
     bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
     area: float = 0.5 * np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2)

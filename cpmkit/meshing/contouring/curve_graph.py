@@ -54,7 +54,7 @@ def _assemble(tracer: CurveTracer) -> CurveGraph:
 
 
 def project_middles(source: LocalSource, vertices: Floats, segments: Ints) -> Floats:
-    """Return the closest points (s, d) of the middles of segments (s, 2)."""
+    """Return the closest points (s, d) of the middles of ``segments`` (s, 2) between ``vertices`` (v, d)."""
     return source.closest_point(vertices[segments].mean(axis=1)).points
 
 
@@ -216,8 +216,8 @@ def _meeting_points(
 ) -> tuple[Floats, Floats]:
     """Return points (n, d) of the curve where strands through p and q (n, d) meet, and their errors (n,).
 
-    The tangents of both strands are intersected, and the result is projected onto the curve. The error is the larger of
-    the distance between the tangents and the distance of this projection.
+    The tangents of both strands, of unit directions (n, d), are intersected, and the result is projected onto the
+    curve. The error is the larger of the distance between the tangents and the distance of this projection.
     """
     closest = source.closest_point(np.concatenate([p, q])).points
     p, q = closest[: len(p)], closest[len(p) :]
@@ -250,7 +250,7 @@ def _merge_near(vertices: Floats, is_junction: Bools, reach: float) -> Ints:
 
 
 def _split_segments(graph: CurveGraph, segment: Ints, new: Ints, points: Floats) -> Ints:
-    """Return all segments (s, 2), with ``segment`` (k,) split at the vertices ``new`` (k,) at ``points`` (k, d)."""
+    """Return all segments (s, 2), ``segment`` (k,) being split at the vertices ``new`` (k,) at ``points`` (k, d)."""
     a, b = graph.vertices[graph.segments[segment]].transpose(1, 0, 2)
     order = np.lexsort((dots(points - a, b - a) / dots(b - a, b - a), segment))
     segment, new = segment[order], new[order]
@@ -264,8 +264,8 @@ def _split_segments(graph: CurveGraph, segment: Ints, new: Ints, points: Floats)
 def near_chords(points: Floats, starts: Floats, stops: Floats, reach: float) -> tuple[Ints, Ints, Floats, Floats]:
     """Return the pairs of points (n, d) and chords that may be within ``reach``, with their distances.
 
-    Returned are the row (p,) of each point, the number (p,) of the chord, the distance (p,) and the share (p,) of the
-    chord at which it is nearest.
+    Chords lead from ``starts`` to ``stops`` (c, d). Returned are the row (p,) of each point, the number (p,) of the
+    chord, the distance (p,) and the share (p,) of the chord at which it is nearest.
     """
     from scipy.spatial import KDTree
 

@@ -31,7 +31,7 @@ class OpenEnds:
     beyond: Floats  #: (f, d): a point beyond that corner, straight ahead of the trace before it.
 
     def take(self, rows: Bools | Ints) -> OpenEnds:
-        """Return the ends at ``rows``."""
+        """Return the ends at ``rows``, numbers or a mask, as new arrays."""
         return OpenEnds(*(getattr(self, column.name)[rows] for column in fields(self)))
 
     def append(self, others: OpenEnds) -> OpenEnds:
@@ -62,12 +62,12 @@ class CurveTracer:
 
     @classmethod
     def of(cls, source: LocalSource, step: float) -> CurveTracer:
-        """Return a tracer without points."""
+        """Return a tracer without points of the curve ``source``, with steps of length ``step``."""
         no_points, no_numbers = np.zeros((0, source.dim)), np.zeros(0, dtype=np.int64)
         return cls(source, step, no_points, no_points, no_numbers, no_numbers)
 
     def trace_all(self, seeds: Floats) -> None:
-        """Trace all pieces of the curve through ``seeds`` (n, d), points of it."""
+        """Trace all pieces of the curve through ``seeds`` (n, d), points of it, into the fields of the tracer."""
         from scipy.spatial import KDTree
 
         while len(seeds):
@@ -76,7 +76,7 @@ class CurveTracer:
             seeds = seeds[distance > self.step]
 
     def _trace_from(self, starts: Floats) -> None:
-        """Trace the pieces through ``starts`` (n, d), which are far from each other, in both directions."""
+        """Trace the pieces through ``starts`` (n, d), which are far apart, in both directions, into the fields."""
         ahead, found = self._points_around(starts)
         rows = np.arange(len(starts))
         target = ahead[rows, np.where(found, norms(ahead - starts[:, None]), -1.0).argmax(axis=1)]
@@ -92,7 +92,7 @@ class CurveTracer:
             ends = self._advance(self._look_ahead(ends))
 
     def _advance(self, ends: OpenEnds) -> OpenEnds:
-        """Step open ends to their targets, or to points met there; return those that go on."""
+        """Step open ends to their targets, or to points met there; record points, and return the ends that go on."""
         last, target, turned = ends.last, ends.target, ends.turned
         direction = unit(target - self.points[last])
         bend = norms(direction - ends.heading)
@@ -112,17 +112,17 @@ class CurveTracer:
         return replace(ends.take(own), last=number[partner < 0], heading=direction[own])
 
     def _record(self, points: Floats, directions: Floats, piece: Ints, place: Ints) -> None:
-        """Append points (k, d) of the trace."""
+        """Append k traced points; all arguments are rows of the fields of the same names, (k, d) or (k,)."""
         self.points, self.directions = (
             np.concatenate(pair) for pair in ((self.points, points), (self.directions, directions))
         )
         self.piece, self.place = (np.concatenate(pair) for pair in ((self.piece, piece), (self.place, place)))
 
     def _met_points(self, last: Ints, target: Floats, direction: Floats, bend: Floats, turned: Bools) -> Ints:
-        """Return the number (f,) of the first traced point that the step from ``last`` meets, -1 if there is none.
+        """Return the number (f,) of the first traced point met by the step from ``last`` to ``target``, -1 for none.
 
-        The trace must have the step's ``direction`` (f, d) there, unless the step follows a corner (``turned``). Points
-        within six steps along the same trace do not count.
+        The trace must have the step's ``direction`` (f, d) there, unless the step follows a corner (``turned``).
+        ``bend`` (f,) is the change of direction at the step. Points within six steps along the same trace do not count.
         """
         from scipy.spatial import KDTree
 
@@ -159,7 +159,10 @@ class CurveTracer:
         return np.asarray(same & (np.abs(self.place[first] - self.place[second]) < 6))
 
     def _partners(self, last: Ints, target: Floats, direction: Floats, bend: Floats, turned: Bools) -> Ints:
-        """Return for each end the number (f,) of an earlier end that steps to the same place, -1 if there is none."""
+        """Return for each end the number (f,) of an earlier end that steps to the same place, -1 if there is none.
+
+        Arguments are as in :meth:`_met_points`; an end has one partner at most.
+        """
         from scipy.spatial import KDTree
 
         pairs = np.sort(KDTree(target).query_pairs(MET_SHARE * self.step, output_type="ndarray"), axis=1)
@@ -173,7 +176,7 @@ class CurveTracer:
         return partner
 
     def _look_ahead(self, ends: OpenEnds) -> OpenEnds:
-        """Return the ends that go on, with the places where they step to; corners and ends of the curve are added."""
+        """Return the ends that go on, with new targets; corners and ends of the curve are recorded in the fields."""
         here, heading, last = self.points[ends.last], ends.heading, ends.last.copy()
         target = self.source.closest_point(here + self.step * heading).points
         way = target - here
@@ -211,7 +214,7 @@ class CurveTracer:
         return np.where((ahead[rows, best] > 0)[:, None], closest[rows, best], here)
 
     def _points_around(self, here: Floats) -> tuple[Floats, Bools]:
-        """Return points (k, c, d) of the curve about a step away from ``here`` (k, d), and which of them count."""
+        """Return points (k, c, d) of the curve about a step from ``here`` (k, d), and a mask (k, c) of valid ones."""
         directions = unit(np.array([d for d in product((-1.0, 0.0, 1.0), repeat=self.source.dim) if any(d)]))
         closest, found = self._closest_near(here, here[:, None] + self.step * directions, 1.05)
         return closest, found & (norms(closest - here[:, None]) > LEAST_STEP * self.step)

@@ -123,7 +123,7 @@ def _connected_over_crease(
 
 
 def _line_meets_box(point: Floats, along: Floats, low: Floats, high: Floats) -> Bools:
-    """Return which lines (n,), through ``point`` in direction ``along`` (n, 3), meet boxes from ``low`` to ``high``."""
+    """Return which lines (n,), through ``point`` along ``along`` (n, 3), meet the boxes ``low`` to ``high`` (n, 3)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         first, second = (low - point) / along, (high - point) / along
     enters = np.where(along == 0, np.where(low <= point, -np.inf, np.inf), np.minimum(first, second)).max(axis=1)

@@ -53,9 +53,8 @@ def insert_boundaries(
 
     Vertices that are inserted lie on the original flat cells.
 
-    ``mesh``: valid, flat, not cut. Its facets may have any number of cells.
+    ``mesh``: valid, flat, not cut. Its facets may have any number of cells. ``spacing``: spacing h of the lattice.
     ``boundaries``: relative to the same origin: curves and points on a surface, points on a curve.
-    ``spacing``: spacing h of the lattice.
     ``movable``: whether vertices of curves are moved onto these later: nearby vertices may then become vertices of a
         curve.
     """

@@ -74,7 +74,7 @@ class ConstrainedTriangulation:
         return parts[0] if len(parts) == 1 else max(parts, key=lambda part: self._depth(part, place))
 
     def _depth(self, cell: int, place: Vector) -> float:
-        """Return the least distance of a point in a triangle's plane from its edges, negative outside the triangle."""
+        """Return the least distance of ``place``, in a triangle's plane, from its edges, negative outside it."""
         net = self.triangulation
         normal, depths = net.normal(cell), []
         for a, b in _edges(net.corners(cell)):
@@ -116,7 +116,7 @@ class ConstrainedTriangulation:
     def insert_on_edge(self, a: int, b: int, share: float, size: float) -> int:
         """Return the vertex at ``share`` of the way from a to b: a or b if that is near, else a new one.
 
-        ``size`` is the local edge length L.
+        ``size`` is the local edge length L. A new vertex splits the edge, and the boundary edge on it.
         """
         net = self.triangulation
         length = distance(net.at(a), net.at(b))

@@ -28,7 +28,7 @@ Links = dict[int, set[int]]
 
 
 def join_stray_tips(finder: PathFinder, counts: Counter[str]) -> None:
-    """Prune short tails of curves, and join tips to a curve or rim near by; count them as ``pruned`` and ``joined``."""
+    """Prune short tails of curves, and join tips to a curve or rim near by; increase counts ``pruned``, ``joined``."""
     links = _boundary_links(finder)
     for tip in _tips(finder, links):
         end, path = _tail(finder, links, tip, STRAY_SHARE * finder.triangulation.size(tip))
@@ -54,7 +54,7 @@ def extend_tips(finder: PathFinder, reach: float, counts: Counter[str]) -> None:
 
 
 def _boundary_links(finder: PathFinder) -> Links:
-    """Return for each vertex on boundaries its neighbours along boundaries."""
+    """Return for each vertex on boundaries the set of its neighbours along boundaries."""
     links: Links = {}
     for a, b in finder.constrained.edges:
         links.setdefault(a, set()).add(b)
@@ -91,7 +91,7 @@ def _tail(finder: PathFinder, links: Links, tip: int, limit: float) -> tuple[int
 
 
 def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
-    """Join a tip to the nearest curve or rim within reach, and return whether it was joined."""
+    """Join a tip to the nearest curve or rim within reach by new boundary edges; return whether it was joined."""
     net, constrained, here = finder.triangulation, finder.constrained, finder.triangulation.at(tip)
     reach = STRAY_SHARE * net.size(tip)
     own_end = set(_tail(finder, links, tip, 3.0 * reach)[1])  # a tip is not joined to its own curve that near to it

@@ -110,10 +110,8 @@ def runs_on_surface(
     Each part comes with whether it is closed, and then continues from its last point to the first. The number of the
     curve's point is -1 where a part passes a rim.
 
-    ``search``: search over the roots.
-    ``points`` (n, 3): points of the curve.
-    ``matched``: one projection of each point.
-    ``closed``: whether the curve is closed.
+    ``search``: search over the roots. ``matched``: one projection of each point.
+    ``points`` (n, 3): points of the curve; ``closed``: whether it is closed.
     """
     off = _past_rim(_rim_offsets(triangulation, points, matched), closed)
     if not off.any():

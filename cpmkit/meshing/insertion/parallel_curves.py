@@ -110,7 +110,7 @@ class SimplifiedCurve:
 
     @classmethod
     def of(cls, points: Floats, closed: bool, source: LocalSource, owner: int) -> SimplifiedCurve:
-        """Return a curve without partners; it has a corner where it turns by more than 20 degrees."""
+        """Return a curve without partners; ends, and corners where it turns by more than 20 degrees, are ``fixed``."""
         around = np.concatenate([points[-1:], points, points[:1]])
         way = unit(np.diff(around, axis=0))
         fixed = np.asarray(dots(way[1:], way[:-1]) < np.cos(np.radians(20.0)))
@@ -146,8 +146,7 @@ class SimplifiedCurve:
     def with_points(self, points: Floats, dropped: Bools, partners: Ints, least: float) -> SimplifiedCurve:
         """Return the curve without the points ``dropped`` and with ``points`` inserted in order along the polyline.
 
-        ``points`` (k, 3): new points on the curve, in its direction.
-        ``dropped`` (n,).
+        ``points`` (k, 3): new points on the curve, in its direction. ``dropped`` (n,): which points are left out.
         ``partners`` (k, 2): partners of the new points.
         ``least``: new points nearer than this to a point that stays are replaced by that point.
         """
@@ -179,10 +178,10 @@ def align_close_curves(
 ) -> list[SimplifiedCurve]:
     """Return the curves with points beside each other where they nearly coincide.
 
-    An earlier curve gets a point beside each end and corner of later ones. A later curve gets the closest points of
-    the points of earlier ones in place of its own. Where two cross and separate, both keep their points.
+    An earlier curve gets a point beside each end and corner of later ones. A later curve gets the closest points of the
+    points of earlier ones in place of its own. Where two cross and separate, both keep their points.
 
-    ``coincident`` container of (int, int): pairs of the number of a curve and of a boundary on which it lies in places.
+    ``coincident`` of (int, int): numbers of a curve and of a boundary on which it lies in places: these are left out.
     """
     aligned = list(curves)
     pairs = [

@@ -298,7 +298,7 @@ def trace_polylines(source: LocalSource, search: TriangleSearch, spacing: float)
 
 
 def _along_tangents(source: LocalSource, line: Polyline) -> Polyline:
-    """Return a polyline in the direction of the curve's tangents, where it has some."""
+    """Return ``line``, or its reverse if the curve's tangents have the opposite direction in its middle."""
     middle = len(line.points) // 2
     if source.has_tangents:
         tangent = source.tangents(source.closest_point(line.points[middle : middle + 1]))[0]

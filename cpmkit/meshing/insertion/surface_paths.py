@@ -93,7 +93,7 @@ class PathFinder:
         return first + second[1:] if first and second else None
 
     def insert_projection(self, place: Vector) -> int:
-        """Return the vertex at the projection of a point, a new vertex unless one is near."""
+        """Return the vertex at the projection of ``place`` onto the surface, a new vertex unless one is near."""
         nearest = self.search.nearest(np.array([place]))
         root = int(nearest.cell[0])
         return self.constrained.insert_point(root, position_on(self.triangulation, root, nearest.shares[0]))
@@ -215,7 +215,7 @@ def erase_short_loops(triangulation: SplitTriangulation, path: list[int], backwa
 
 
 def _without_loops(triangulation: SplitTriangulation, path: list[int], backward: set[int]) -> list[int]:
-    """Return a path without its short loops; a loop through the start of a closed path stays."""
+    """Return a path without its short loops (:func:`erase_short_loops`); a loop through its start stays."""
     simple, lengths = path[:1], [0.0]
     place = {path[0]: 0}
     for vertex in path[1:]:
