@@ -19,9 +19,10 @@ from cpmkit.types import SIDES, Floats, Ints, Side, Sides
 
 
 def _as_boundary_source(value: Any) -> Any:
-    """Return the place that a user gives for a boundary as a source, or as numbers (k,) of vertices of the surface.
+    """Return the place of a boundary as a source, or as integers (k,): numbers of vertices of the surface.
 
-    Points (k, d) or a point (d,) become a closest-point source; other values, also sources, are returned unchanged.
+    Points (k, d) or a point (d,) become a closest-point source, an integer or a list of integers the numbers; other
+    values, also sources, are returned unchanged.
     """
     if isinstance(value, (ClosestPointSource, str, bytes, bool)) or callable(value):
         return value
@@ -99,7 +100,7 @@ class Boundary:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        """Check the conditions, and replace data by Dirichlet conditions and the given place by a source."""
+        """Replace data by Dirichlet conditions and the place by a source; raise SceneError if they are not accepted."""
         sides = [*self.given_conditions]
         if sides not in (["both"], ["left", "right"], ["across"]):
             raise SceneError(
@@ -146,11 +147,8 @@ class Boundary:
     def on(self, surface: ClosestPointSource) -> Boundary:
         """Return the boundary with vertex numbers replaced by those vertices of ``surface``; itself if it has none.
 
-        Raises
-        ------
-        SceneError
-            If the surface was not made from a mesh, if a number is negative or not below the number of vertices, or if
-            there are d numbers, which may also be the coordinates of one point.
+        Raises SceneError if the surface was not made from a mesh, a number is negative or not below the number of
+        vertices, or there are d numbers, which may also be the coordinates of one point.
         """
         numbers = self._vertex_numbers
         if numbers is None:
@@ -173,7 +171,7 @@ class Boundary:
         return replace(self, source=points)
 
     def condition(self, side: Side, /) -> Condition:
-        """Return the condition on ``side``."""
+        """Return the condition on ``side``, "left" or "right": that of the side, of both, or the coupling across."""
         condition = self.both or self.across or (self.left if side == "left" else self.right)
         assert condition is not None
         return condition
@@ -196,7 +194,7 @@ class BoundarySet(Protocol):
         """A point (d,) on the left of each connected piece, or None; needed by sources without normals or tangents."""
 
     def condition(self, side: Side, /) -> Condition:
-        """Return the condition on ``side``."""
+        """Return the condition on ``side``, "left" or "right"; a coupling is the same object on both."""
 
 
 def as_boundary(value: Any) -> Boundary:
@@ -216,13 +214,10 @@ def as_boundary(value: Any) -> Boundary:
 def named_sides(boundaries: Sequence[Boundary], side: Sides, has_left: Sequence[bool] | None = None) -> dict[str, Side]:
     """Return the side, left or right, from which a solution is evaluated on each boundary, by the boundary's name.
 
-    ``side`` is a table of sides by name, or a side for all boundaries that have sides, or None (then the result is
-    empty). ``has_left`` says for each of the ``boundaries`` whether it has sides; by default all have.
+    ``side`` is a mapping from names to sides, a side for all boundaries that have sides, or None (then the result is
+    empty). ``has_left`` is True for each of the ``boundaries`` that has sides; by default all have.
 
-    Raises
-    ------
-    InputError
-        If a name is not that of a boundary, the boundary has no sides, or a side is neither left nor right.
+    Raises InputError if a name is not that of a boundary, it has no sides, or a side is neither left nor right.
     """
     names = [boundary.name for boundary in boundaries]
     with_sides = [name for name, has in zip(names, has_left or [True] * len(names), strict=True) if has]

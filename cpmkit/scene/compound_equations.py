@@ -72,7 +72,7 @@ class Coupled(Equation):
     factorise_up_to: ClassVar[float] = 4.0
 
     def __post_init__(self) -> None:
-        """Check the fields as for any equation, and the coupling. Raises InputError if it is not a function."""
+        """Check the fields as for any equation; raise InputError if the coupling is not a function."""
         super().__post_init__()
         if not callable(self.coupling):
             raise InputError(
@@ -123,7 +123,7 @@ class Eigen(Equation[EigenFamily]):
     accepted: ClassVar[str] = "use Dirichlet(0), Neumann(0), Robin(alpha, beta, 0) or Steklov()"
 
     def __post_init__(self) -> None:
-        """Check the fields as for any equation, the number of eigenvalues and ``near``; raise InputError for these."""
+        """Check the fields as for any equation; raise InputError if the count or ``near`` is not accepted."""
         super().__post_init__()
         whole(self.count, "count of eigen", 1)
         if self.near is not None:
@@ -132,8 +132,8 @@ class Eigen(Equation[EigenFamily]):
     def direct_solver_limit(self, multigrid: bool) -> float:
         """Return the largest number of unknowns for the direct solver, in units of that for a single definite system.
 
-        ``multigrid`` says whether the form has multigrid; then, with ``near``, it is 60: inside the spectrum each
-        multigrid solve takes about 20 cycles.
+        ``multigrid`` is True for a form with multigrid, to which the direct solver is then compared; with ``near`` the
+        limit is then 60, as inside the spectrum each multigrid solve takes about 20 cycles.
         """
         return 60.0 if multigrid and self.near is not None else super().direct_solver_limit(multigrid)
 
@@ -141,12 +141,9 @@ class Eigen(Equation[EigenFamily]):
         return str(self.terms()).removesuffix("f") + "lambda u"
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Check that the equation accepts ``conditions``, pairs (name of the place, condition), and that data are zero.
+        """Raise SceneError for the first of ``conditions`` that is not accepted, or has data other than zero.
 
-        Raises
-        ------
-        SceneError
-            For the first condition that is not accepted.
+        They are pairs (name of the place in messages, condition).
         """
         super().check_conditions(conditions)
         for label, condition in conditions:
@@ -259,7 +256,7 @@ class ReactionDiffusion(Evolution):
     schemes: ClassVar[tuple[str, ...]] = ("sbdf2", "euler")
 
     def __post_init__(self) -> None:
-        """Replace formulas of the reaction by a function and kappa by a tuple; raise InputError for wrong fields."""
+        """Replace formulas of the reaction by a function, kappa by a tuple; raise InputError for wrong fields."""
         super().__post_init__()
         texts: Any = self.reaction
         texts = (texts,) if isinstance(texts, str) else texts
@@ -282,7 +279,7 @@ class ReactionDiffusion(Evolution):
         return Terms(self.f, diffusivity=self.kappa[0])
 
     def terms_of_channels(self, channels: int) -> list[tuple[tuple[int, ...], Terms]]:
-        """Return pairs (numbers of channels, their spatial terms): the channels with equal kappa are in one pair."""
+        """Return pairs (channel indices, their spatial terms): channels with equal kappa are in the same pair."""
         each = self.kappa * channels if len(self.kappa) == 1 else self.kappa
         different: list[Any] = []
         for kappa in each:
@@ -294,18 +291,15 @@ class ReactionDiffusion(Evolution):
         ]
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return pairs (name in messages, data): f, initial data, kappa; and zeros for the formulas of a reaction."""
+        """Return pairs (name in messages, data): f, initial data, kappa, and a zero for each reaction formula."""
         data = [*super().data(), (f"kappa of {self.kind}", list(self.kappa))]
         channels = getattr(self.reaction, "channels", None)  # of formulas
         return [*data, ("the reaction", [0.0] * channels)] if channels is not None else data
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Check that ``conditions``, pairs (name of the place, condition), are accepted; coupled sides need one kappa.
+        """Raise SceneError for the first of ``conditions`` that is not accepted; a coupling needs equal kappa.
 
-        Raises
-        ------
-        SceneError
-            For the first condition that is not accepted.
+        They are pairs (name of the place in messages, condition).
         """
         super().check_conditions(conditions)
         alike = len(self.terms_of_channels(len(self.kappa))) == 1

@@ -80,13 +80,13 @@ class Condition:
 
     @property
     def one_sided(self) -> OneSided:
-        """The law of the condition, which must not couple sides."""
+        """The law of a condition that does not couple sides; AssertionError if it does."""
         assert not self.couples
         law: Any = self.law
         return cast("OneSided", law)
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return the names and values of the data with one value for each channel."""
+        """Return pairs (name in messages, data) of the data that may have a value for each channel."""
         return self.law.data
 
     def refusal(self, problem: Equation) -> str:
@@ -125,9 +125,9 @@ class Dirichlet(Condition):
 
 
 def as_condition(value: Any) -> Any:
-    """Return data as a Dirichlet condition, and any other value, also a list of conditions, unchanged.
+    """Return data (a number, formula, sequence, array or function) as a Dirichlet condition, other values unchanged.
 
-    Data are a number, a formula, a sequence, an array or a function.
+    A condition or a list with a condition in it is such another value.
     """
     if isinstance(value, (bool, type)) or (is_sequence(value) and any(isinstance(entry, Condition) for entry in value)):
         return value
@@ -224,8 +224,8 @@ def same_condition(first: Any, second: Any) -> bool:
 def sides_differ(left: Condition, right: Condition) -> bool:
     """Return True if the solution may depend on which side of a boundary is called left.
 
-    It does not if both sides have the same condition, or a coupling that is unchanged when the sides are exchanged: the
-    conductivities are equal, and there is no jump. ``left`` and ``right`` are the conditions on the sides.
+    ``left`` and ``right`` are the conditions on the sides. It does not if they are the same condition, or a coupling
+    that an exchange of the sides does not change: equal conductivities, and no jump.
     """
     law = left.law
     if isinstance(law, Interface):

@@ -37,10 +37,10 @@ class Functional(ABC):
 
     @abstractmethod
     def values(self, form: Any) -> Floats:
-        """Return the values (n, channels) of the functional alone for each test function, without ``beside``."""
+        """Return the values (n, channels) of the functional, without ``beside``, on the ``form``'s n test functions."""
 
     def loads(self, form: Any, time: float | None = None) -> Floats:
-        """Return the load vectors (n, channels) of the sum of the functional and the function ``beside``."""
+        """Return load vectors (n, channels) of functional plus ``beside``, the latter at ``time`` (None: no time)."""
         return self.values(form) if is_zero(self.beside) else form.load(self.beside, time) + self.values(form)
 
 
@@ -68,8 +68,8 @@ def is_zero(data: Any) -> bool:
 def takes_time(data: Any) -> bool:
     """Return True if data depend on the time: if they, or an entry of them, have a parameter ``t`` without a default.
 
-    A ``t`` with a default is a value that the caller bound (``lambda x, t=thickness: ...``), not the time. For objects
-    with an attribute ``takes_time`` that is returned.
+    A ``t`` with a default is a value that the caller bound (``lambda x, t=thickness: ...``), not the time. For an
+    object with an attribute ``takes_time`` the result is that attribute.
     """
     if is_sequence(data):
         return any(takes_time(entry) for entry in data)
@@ -176,10 +176,10 @@ class FieldOfEntries:
 
 
 def read_formulas(instance: Any, label: str) -> None:
-    """Replace formulas by functions, in place, in those fields of an equation or condition that are data or vectors.
+    """Replace formulas by functions, in place, in the fields of an equation or condition declared as data or vectors.
 
-    Raises SceneError if a formula does not parse, or a vector field depends on t; ``label`` is the instance's name in
-    the message.
+    Raises SceneError if a formula does not parse, or a vector field depends on t; ``label`` is the name of the
+    ``instance`` in the message.
     """
     for member in fields(instance):
         value, kind = getattr(instance, member.name), str(member.type)
@@ -207,7 +207,7 @@ def as_data(value: Any, label: str) -> Any:
 def as_vector_field(components: Any, label: str) -> FieldOfEntries:
     """Return the vector field with these ``components``: a number, formula or function for each coordinate.
 
-    Raises SceneError if a component depends on t, or a formula does not parse.
+    Raises SceneError, with ``label`` for the field, if a component depends on t, or a formula does not parse.
     """
     entries = tuple(as_data(entry, f"entry {number} of {label}") for number, entry in enumerate(components, 1))
     if takes_time(entries):
@@ -216,9 +216,9 @@ def as_vector_field(components: Any, label: str) -> FieldOfEntries:
 
 
 def read_formula(kind: Callable[..., Any], text: Any, label: str, *more: Any) -> Any:
-    """Return ``kind(text, *more)``, the function of a formula; ``kind`` is a class such as ``Expression``.
+    """Return ``kind(text, *more)``, the function that a formula ``text`` describes; ``kind`` is such as ``Expression``.
 
-    Raises SceneError if it refuses the text; the message begins with ``label``, the name of the datum.
+    Raises SceneError if ``kind`` does; the message then begins with ``label``, the name of the datum.
     """
     try:
         return kind(text, *more)
@@ -289,8 +289,8 @@ Reaction = Callable[..., Any] | str | Sequence[str]
 def reaction_rates(reaction: Any, u: Floats, points: Floats, time: float, start: float = 0.0) -> Floats:
     """Return the rates (p, channels) of a reaction for values u (p, channels) at ``points`` (p, d) and ``time``.
 
-    Raises InputError if they have another shape, or are not finite at ``start``, the time of the initial data. Raises
-    ResolutionError if they are not finite at another time. Beyond 1e100 they count as not finite.
+    Raises InputError if they have another shape, or are not finite at ``start``, the time of the initial data; raises
+    ResolutionError if they are not finite at another time. Rates above 1e100 in size count as not finite.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         values = call_pointwise(reaction, (u.copy(), points), u.shape, "the reaction", time, finite=False)

@@ -34,10 +34,10 @@ class TensorOfEntries:
 
 
 def as_diffusivity(value: Any, label: str) -> Any:
-    """Check a diffusivity and return it: a number or function unchanged, a tensor as a (d, d) array or a function.
+    """Return a checked diffusivity: a number or function unchanged, a tensor as a read-only (d, d) array or a function.
 
-    Raises InputError if a number is not above zero, or a tensor is not 2 by 2 or 3 by 3, or is constant and not
-    symmetric and finite.
+    Raises InputError if a number is not above zero, a tensor is not 2 by 2 or 3 by 3, or a constant tensor is not
+    symmetric or not finite; ``label`` is the name of the diffusivity in the message.
     """
     if callable(value):
         return value
@@ -61,7 +61,8 @@ def as_diffusivity(value: Any, label: str) -> Any:
 def evaluate_diffusivity(diffusivity: Any, points: Floats, label: str) -> Floats:
     """Return the values of a diffusivity at ``points`` (n, d): numbers (n,), or symmetric tensors (n, d, d).
 
-    Raises InputError if a value is not finite, the shape is another one, or a tensor is not symmetric.
+    It is a number, a (d, d) array or a function; ``label`` is its name in messages. Raises InputError if a value is not
+    finite, the values have other shapes, or a tensor is not symmetric.
     """
     values = diffusivity(points) if callable(diffusivity) else diffusivity
     if np.ndim(values) < 2 or (callable(diffusivity) and np.ndim(values) != 3):
@@ -100,8 +101,8 @@ def principal_diffusivities(tensors: Floats, normals: Floats) -> tuple[Floats, F
 def _symmetric(tensors: Floats, label: str) -> Floats:
     """Return the symmetric part of ``tensors`` (..., d, d).
 
-    Raises InputError if an entry is not finite, or a tensor is not symmetric up to rounding; ``label`` is its name in
-    the message.
+    Raises InputError if an entry is not finite, or a tensor is not symmetric to 1e-9 of the largest entry; ``label`` is
+    its name in the message.
     """
     if not np.isfinite(tensors).all():
         raise InputError(f"{label} must be finite, got NaN or infinity.")
@@ -167,7 +168,8 @@ class StateDiffusivity:
     def _values(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, derivative: str = "") -> Floats:
         """Return the values (k,) of a function of u (k,), of u and s (k,), or of u, s and ``points`` (k, d).
 
-        ``derivative``, such as " by u", names a derivative in messages. Raises InputError if values are not finite.
+        ``derivative``, such as " by u", names a derivative in messages. Raises InputError if values are not finite
+        numbers (k,).
         """
         label = f"the derivative of the diffusivity{derivative}" if derivative else "the diffusivity"
         return call_pointwise(function, (u, s, points), u.shape, label)

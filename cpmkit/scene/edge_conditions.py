@@ -54,10 +54,10 @@ def _is_pair(entry: Any) -> bool:
 
 
 def _as_part(entry: Any, number: int, is_last: bool) -> Part:
-    """Return the part ``number`` of the edge given as a condition or as a pair (condition, where).
+    """Return the part of the edge given as a condition or a pair (condition, where), ``number`` its index from 0.
 
-    Raises SceneError if it has no condition, if it holds everywhere and is not the last one, or if ``where`` is neither
-    a formula that parses nor a function, or depends on t.
+    ``is_last`` is True for the last part. Raises SceneError if it has no condition, if it holds everywhere and is not
+    the last part, or if ``where`` is neither a formula that parses nor a function, or depends on t.
     """
     label = f"`where` of part {number} of the edge"
     condition, where = entry if _is_pair(entry) else (entry, None)
@@ -92,7 +92,8 @@ EdgeInput = LoopConditions | Data | list[Condition | tuple[Condition | Data, Whe
 def as_edge(value: Any) -> Any:
     """Return the argument ``edge`` of a scene as conditions: data as Dirichlet, lists of pairs as :class:`ByPosition`.
 
-    A table is converted loop by loop, other values are unchanged. Raises SceneError if a part is not accepted.
+    A mapping from numbers of loops is converted loop by loop, other values are returned unchanged. Raises SceneError if
+    a part is not accepted.
     """
     if isinstance(value, Mapping):
         return {loop: as_edge(value[loop]) for loop in sorted(value, key=str)}
@@ -115,7 +116,7 @@ def loops_of_edge(edge: EdgeConditions) -> dict[int | None, ByPosition]:
 
 
 def parts_of_edge(edge: EdgeConditions) -> list[tuple[Part, ByPosition]]:
-    """Return all parts of an edge, each with the :class:`ByPosition` that contains it."""
+    """Return pairs of a part of the edge and the :class:`ByPosition` of its loop that contains it, for all parts."""
     return [(part, loop) for loop in loops_of_edge(edge).values() for part in loop.parts]
 
 
@@ -125,7 +126,7 @@ def conditions_of_edge(edge: EdgeConditions) -> list[Condition]:
 
 
 def edge_structure(edge: EdgeConditions) -> Any:
-    """Return the ``where`` of the parts of each loop, by the number of the loop; replaced data do not change them."""
+    """Return lists of the ``where`` (None on the rest) of each loop's parts, by its number (None: every loop)."""
     return {loop: [part.where for part in conditions.parts] for loop, conditions in loops_of_edge(edge).items()}
 
 
@@ -139,7 +140,7 @@ def map_conditions(edge: Any, function: Callable[[Condition], Condition]) -> Any
 
 
 def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[tuple[Condition, Ints]]:
-    """Return each condition of an edge that holds at any of ``points``, with the rows (m,) of these.
+    """Return pairs (condition of the edge, indices (m,) of the ``points`` where it holds), with m above zero.
 
     ``points`` (n, d) lie on the edge, in the scene's coordinates; ``loops`` (n,) are the numbers of their edge loops.
 
@@ -164,9 +165,9 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
 
 
 def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
-    """Check that each of several parts of a loop holds at a sample of the edge; ``used`` are the conditions that do.
+    """Raise SceneError for the first of several parts of a loop whose condition is not in ``used``.
 
-    Raises SceneError for the first part whose condition is not among them.
+    ``used`` are the conditions that hold at some sample of the edge, compared by identity.
     """
     ids = {id(condition) for condition in used}
     for part, loop in parts_of_edge(edge):
@@ -180,14 +181,14 @@ def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
 
 
 def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
-    """Return the condition on all of edge loop number ``loop``. Raises SceneError if the loop has none."""
+    """Return the condition of edge loop ``loop``, that of its first part if it has several; SceneError if none."""
     return _conditions_of_loop(edge, loop).parts[0].condition
 
 
 def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:
-    """Return the conditions of edge loop number ``loop``; conditions not given loop by loop hold on every loop.
+    """Return the conditions of edge loop number ``loop``; None if they are not given loop by loop.
 
-    Raises SceneError if the loop has none.
+    Conditions that are not given loop by loop hold on every loop. Raises SceneError if the loop has none.
     """
     loops = loops_of_edge(edge)
     if None not in loops and loop not in loops:
@@ -198,8 +199,8 @@ def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:
 def sample_edge_point(source: ClosestPointSource, part: Part, parts: ByPosition) -> Floats:
     """Return a point (1, d) at which the data of a ``part`` of the edge of ``source`` are evaluated to count channels.
 
-    It is the closest point to a query around the bounds: in ``part``, one of ``parts``, if some closest point is, since
-    data may be undefined elsewhere; or else on the edge; or else anywhere on the manifold.
+    ``parts`` are all parts of its loop. The point is the closest point to a query around the bounds: in ``part`` if
+    some closest point is, since data may be undefined elsewhere; or else on the edge; or else on the manifold.
     """
     bounds = np.asarray(source.bounds, dtype=np.float64)
     queries = [*product(*bounds.T), bounds.mean(axis=0)]

@@ -82,9 +82,9 @@ class Terms:
 
 
 def _check_scalar(value: ScalarData, label: str) -> ScalarData:
-    """Return data that are a finite number or a function of points.
+    """Return ``value`` unchanged if it is a function, else as a float.
 
-    Raises InputError if they are neither; ``label`` is their name in the message.
+    Raises InputError if it is neither a function nor a finite number; ``label`` is its name in the message.
     """
     try:
         return value if callable(value) else number(value, label)
@@ -157,7 +157,7 @@ class Equation(Generic[Family]):
     def direct_solver_limit(self, multigrid: bool) -> float:
         """Return the largest number of unknowns for the direct solver, in units of that for a single definite system.
 
-        ``multigrid`` says whether the form has multigrid, to which the direct solver is then compared.
+        ``multigrid`` is True for a form with multigrid, to which the direct solver is then compared.
         """
         factor = self.factorise_beside_multigrid if multigrid else None
         return self.factorise_up_to if factor is None else factor
@@ -166,12 +166,9 @@ class Equation(Generic[Family]):
         return str(self.terms())
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Check that the equation accepts all ``conditions``, pairs (name of the place in messages, condition).
+        """Raise SceneError for the first of ``conditions`` that the equation does not accept.
 
-        Raises
-        ------
-        SceneError
-            For the first condition that is not accepted.
+        They are pairs (name of the place in messages, condition).
         """
         for label, condition in conditions:
             refusal = condition.refusal(self)
@@ -179,7 +176,7 @@ class Equation(Generic[Family]):
                 raise SceneError(f"{label}: {condition.kind!r} {refusal}; {self.accepted}.")
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return pairs (name in messages, data) of f and the initial data, which have a value for each channel."""
+        """Return pairs (name in messages, data) of f and the initial data, which may have a value for each channel."""
         initial = {"initial": "the initial data", "initial_rate": "the initial rate"}
         own = [(label, getattr(self, name)) for name, label in initial.items() if hasattr(self, name)]
         return [("the right-hand side f", self.terms().f), *own]
@@ -306,5 +303,5 @@ class Helmholtz(Equation):
     factorise_beside_multigrid: ClassVar[float | None] = 1.0
 
     def terms(self) -> Terms:
-        """Return the terms of the equation."""
+        """Return the terms of -Lap u + c u = f with c = -wavenumber^2."""
         return Terms(self.f, -self.wavenumber * self.wavenumber)

@@ -49,15 +49,15 @@ class Evolution(Equation[TimeFamily]):
         return self.until - self.t0
 
     def with_scheme(self, explicit_steps: bool) -> Self:
-        """Return the equation unchanged; a class that has the scheme "auto" replaces it as ``explicit_steps`` says."""
+        """Return the equation unchanged; :class:`Wave` chooses by ``explicit_steps`` in place of the scheme "auto"."""
         del explicit_steps
         return self
 
     @cached_property
     def frame_times(self) -> tuple[float, ...]:
-        """Times of the frames in ascending order, with the start if ``frames`` is a number of intervals.
+        """Times of the frames in ascending order, with the start if ``frames`` is a number of intervals; () for zero.
 
-        Raises InputError if it is neither such a number nor a list of times of the run, or there are too many.
+        Raises InputError if it is neither such a number nor a list of times of the run, or there are over 100,000.
         """
         accepted = (
             f"frames of {self.kind} must be a number of equal parts of the time or a list of times from {self.t0:g} to "
@@ -249,12 +249,12 @@ class Wave(Evolution):
     schemes: ClassVar[tuple[str, ...]] = ("auto", "newmark", "implicit", "leapfrog")
 
     def with_scheme(self, explicit_steps: bool) -> Wave:
-        """Return the equation with ``scheme="auto"`` replaced: leapfrog if ``explicit_steps`` is True, else Newmark."""
+        """Return the equation with scheme "auto" replaced: leapfrog if ``explicit_steps`` is True, else Newmark."""
         default = "leapfrog" if explicit_steps else "newmark"
         return replace(self, scheme=default) if self.scheme == "auto" else self
 
     def terms(self) -> Terms:
-        """Return the terms of the spatial part."""
+        """Return the terms of the spatial part -speed^2 Lap u = f."""
         return Terms(self.f, diffusivity=self.speed * self.speed)
 
     def __str__(self) -> str:

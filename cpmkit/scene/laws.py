@@ -28,7 +28,7 @@ class _Law:
 
     @property
     def data(self) -> list[tuple[str, Data]]:
-        """Names and values of the data; empty if the law has no data, or a flux that depends on the solution."""
+        """Pairs (name in messages, data); empty if the law has no data, or a flux that depends on the solution."""
         return [(label, getattr(self, name)) for name, label in self.data_fields.items()]
 
     @property
@@ -38,7 +38,7 @@ class _Law:
 
     @property
     def of_laplacian(self) -> Law:
-        """The law of Lap u in a biharmonic problem in which u has this law."""
+        """The law of Lap u in a biharmonic problem in which u has this law: zero flux, unless a subclass differs."""
         return Flux(0.0)
 
     @property
@@ -152,13 +152,13 @@ class Nonlinear(_Law):
         return (object(),)
 
     def flux_at(self, values: Floats, points: Floats) -> Floats:
-        """Return the flux (n,) for ``values`` (n,) of u at ``points`` (n, d)."""
+        """Return du/db = flux (n,) for ``values`` (n,) of u at ``points`` (n, d), in the scene's coordinates."""
         return call_pointwise(self.flux, (values, points), values.shape, "a nonlinear flux")
 
     def slope_at(self, values: Floats, points: Floats) -> Floats:
         """Return the derivative (n,) of the flux with respect to u for ``values`` (n,) of u at ``points`` (n, d).
 
-        It is computed by finite differences if no ``slope`` is given.
+        It is computed by central differences if the field ``slope`` is None.
         """
         if self.slope is not None:
             return call_pointwise(self.slope, (values, points), values.shape, "the slope of a nonlinear flux")
@@ -190,8 +190,9 @@ Law = OneSided | Interface
 
 
 def beta_at(law: OneSided, points: Floats, label: str) -> Floats:
-    """Return the factor beta (n,) of u in a law at ``points`` (n, d) of a boundary, in the scene's coordinates.
+    """Return the factor beta (n,) of u in the law alpha du/db + beta u = datum at ``points`` (n, d) of a boundary.
 
-    Raises InputError if a value is not finite; ``label`` is the name of the condition in the message.
+    Points are in the scene's coordinates; ``label`` is the condition's name in messages. Raises InputError if a value
+    is not finite.
     """
     return evaluate_data(law.beta, points, 1, f"beta of {label}")[:, 0]

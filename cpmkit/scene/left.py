@@ -61,8 +61,8 @@ class SampledBoundary:
     def of(cls, source: LocalSource, surface: LocalSource, dimension: int) -> SampledBoundary:
         """Return ``source`` sampled at the first density that determines the signs of its conormals, or at the highest.
 
-        ``dimension`` is that of the manifold. Directions that the sources do not provide are computed by differences
-        with steps of half the spacing; where they do, the sign of each connected piece agrees with theirs.
+        ``dimension`` is that of the manifold ``surface``. Samples at corners of a curve are left out. Directions that
+        the sources do not provide are differences over half the spacing; the others fix the signs of their pieces.
         """
         for samples, spacing in samplings(source, surface):
             tangents = None
@@ -88,14 +88,14 @@ class SampledBoundary:
 
     @property
     def signs(self) -> Orientation:
-        """The conormals as an orientation."""
+        """The unit conormals to the left at the samples, as an ``Orientation`` from which others take their signs."""
         return Orientation(self.on_surface.points, self.left, self.spacing)
 
     def with_left_chosen(self, left_of: Floats | None) -> tuple[SampledBoundary, set[str]]:
         """Return the boundary with the left of each connected piece chosen, and a subset of {"left_of", "rule"}.
 
-        Where the sources do not provide it, left is the side of the point ``left_of`` (d,), or else determined by a
-        rule; the subset names those that were used.
+        Where the sources do not provide it, left is the side of the point ``left_of`` (d,), relative to the origin of
+        the sources; by a rule if it is None or on neither side of a piece. The subset names the choices that were made.
         """
         sign = np.ones(len(self.samples))
         named: set[str] = set()
@@ -133,7 +133,8 @@ class SampledBoundary:
     def _chord_cosines(self, point: Floats, pieces: Sequence[Bools]) -> Floats:
         """Return for each of ``pieces`` (masks of samples) the cosine between left and the chord to ``point`` (d,).
 
-        The chord begins at the sample of the piece nearest to ``point``; on the nearest piece, at the closest point.
+        The result is (pieces,). A chord begins at the sample of the piece nearest to the projection of ``point`` to the
+        manifold, on the nearest piece at the closest point, and ends at the projection.
         """
         goal = self.surface.closest_point(point[None]).points[0]
         distance = norms(self.on_surface.points - goal)
@@ -146,7 +147,7 @@ class SampledBoundary:
         return dots(unit(goal - on_surface.points), left)
 
     def side_points(self) -> Floats:
-        """Return points (2, d) on the left and on the right, a tenth of the boundary's size from it, for messages."""
+        """Return points (2, d) of the manifold left and right of a sample, a tenth of the boundary's size from it."""
         middle = len(self.samples) // 2
         size = float(np.ptp(self.source.bounds, axis=0).max()) or self.spacing
         steps = 0.1 * size * np.array([[1.0], [-1.0]]) * self.left[middle]

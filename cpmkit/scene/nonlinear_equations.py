@@ -30,7 +30,7 @@ class QuasilinearEquation(Equation):
     method: str = field(default="newton", kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the fields as for any equation, and the method. Raises InputError if it is not accepted."""
+        """Check the fields as for any equation; raise InputError if the method is not "newton" or "lagged"."""
         super().__post_init__()
         if self.method not in METHODS:
             raise InputError(f"method of {self.kind} must be {' or '.join(METHODS)}, got {shown(self.method)}.")
@@ -45,7 +45,7 @@ class QuasilinearEquation(Equation):
         """The diffusivity a(u, s), with its derivatives."""
 
     def terms(self) -> Terms:
-        """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
+        """Return the terms, whose diffusivity is a ``StateDiffusivity``: a function of u, grad u and points."""
         return replace(super().terms(), diffusivity=self.diffusivity_of_u)
 
     @property
@@ -55,7 +55,7 @@ class QuasilinearEquation(Equation):
 
     @property
     def continuation(self) -> Sequence[QuasilinearEquation]:
-        """Equations that lead from a linear one to this one; each solution is the initial guess for the next."""
+        """Equations to solve before this equation, in order, each from the solution of the equation before it."""
         return ()
 
     def energy(self, slopes: Floats) -> Floats | None:
@@ -220,7 +220,7 @@ class TotalVariation(QuasilinearEquation):
     uniform_penalty: ClassVar[bool] = True
 
     def terms(self) -> Terms:
-        """Return the terms, with the right-hand side c f and a diffusivity that needs u, a ``StateDiffusivity``."""
+        """Return the terms, with the right-hand side c f and the diffusivity as a ``StateDiffusivity``."""
 
         def scaled(points: Floats) -> Floats:
             """Return c f (n, channels) at points (n, d)."""

@@ -46,31 +46,31 @@ class OrientedBoundary:
         return self.has_sides and self.left.known
 
     def relative_to(self, origin: Floats, source: LocalSource, surface: LocalSource) -> OrientedBoundary:
-        """Return the boundary relative to another ``origin`` (d,), to which ``source`` and ``surface`` already are."""
+        """Return the boundary relative to another ``origin`` (d,), as ``source`` and ``surface`` already are."""
         signs = self.left.signs
         if signs.points is not None:
             signs = replace(signs, points=signs.points + (self.left.origin - origin))
         return replace(self, source=source, surface=surface, left=replace(self.left, signs=signs, origin=origin))
 
     def feet(self, points: Floats) -> tuple[ClosestPoints, ClosestPoints]:
-        """Return the closest points of ``points`` (n, d) on the boundary, and these projected to the manifold."""
+        """Return the closest boundary points of ``points`` (n, d), and the projections of these to the manifold."""
         feet = self.source.closest_point(points)
         return feet, self.surface.closest_point(feet.points)
 
     def leftward(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> Floats:
         """Return the unit conormals v (n, d) to the left.
 
-        ``feet`` and ``on_surface`` are returned by :meth:`feet`. Directions that the sources do not provide are
-        computed by differences with ``step``.
+        ``feet`` and ``on_surface`` are those of :meth:`feet`. Directions that the sources do not provide are
+        differences of closest points over the length ``step``.
         """
         return left_conormals(self.source, self.surface, self.left.signs, on_surface, feet, step)
 
     def tangents(self, feet: ClosestPoints, on_surface: ClosestPoints, left: Floats, step: float) -> Floats:
         """Return the unit tangents (n, d) of a boundary curve in its direction of travel.
 
-        ``feet`` and ``on_surface`` are returned by :meth:`feet`, ``left`` by :meth:`leftward`. A source without
-        tangents travels with ``left`` on its left, seen from the tip of the manifold's normals, which point away from
-        the manifold's centre if its source has none.
+        ``feet`` and ``on_surface`` are those of :meth:`feet`, ``left`` (n, d) that of :meth:`leftward`; ``step`` is the
+        length of finite differences. A curve whose source has no tangents travels with ``left`` on its left, seen from
+        the tip of the manifold's normals; if its source has no normals, these point away from the manifold's centre.
         """
         if self.source.knows_directions(1):
             return unit_tangents(self.source, feet, step)
@@ -85,8 +85,8 @@ class OrientedBoundary:
     def open_ends(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> Bools:
         """Return whether each closest point (n,) is an open end, around which the solution is continuous.
 
-        Differs from King et al. (2024), eq. 16: an end on the rim of the manifold divides it, and is not open. An end
-        is on the rim if the manifold ends less than a ``step`` beyond it.
+        ``feet`` and ``on_surface`` are those of :meth:`feet`. Unlike King et al. (2024), eq. 16, an end on the rim of
+        the manifold, which ends less than the length ``step`` beyond it, is not open: there the curve divides it.
         """
         end = feet.edge >= 0
         rows = np.flatnonzero(end)
@@ -97,8 +97,8 @@ class OrientedBoundary:
     def signed_distance(self, points: Floats, step: float) -> Floats:
         """Return (z - y) . v (n,) for ``points`` z (n, d) of the manifold, positive on the left.
 
-        King et al. (2024), eq. 11, with y = cp_C(x). The value is NaN for points without a side: beyond an open end,
-        and where the boundary has no left.
+        y is the closest point on the boundary, projected to the manifold, v the unit conormal to the left (King et al.
+        2024, eq. 11), ``step`` the length of finite differences. NaN beyond an open end, or if there is no left side.
         """
         if not self.has_left:
             return np.full(len(points), np.nan)
@@ -132,7 +132,8 @@ class OrientedBoundary:
 def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
     """Return ``boundary`` with its orientation in the manifold ``surface``, relative to the centre of its own bounds.
 
-    Raises SceneError if its dimension does not fit, or its conditions need a left side that is missing or undetermined.
+    Raises SceneError if its dimension does not fit, ``left_of`` is on the right, or its conditions need a left side
+    that is missing or undetermined.
     """
     origin: Floats = np.asarray(boundary.source.bounds, dtype=np.float64).mean(axis=0)
     source, manifold = localize(boundary.source, origin), localize(surface, origin)
@@ -151,9 +152,10 @@ def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
 
 
 def dimension_along(name: str, source: LocalSource, surface: LocalSource, dimensions: Ints) -> int:
-    """Return the dimension of the manifold along a boundary, given its ``dimensions`` (n,) at points of the boundary.
+    """Return the dimension of the manifold ``surface`` along the boundary ``source``, which messages call ``name``.
 
-    Raises SceneError if the dimensions differ or are unknown, or the dimension is not above that of the boundary.
+    ``dimensions`` (n,) are those of the manifold at points of the boundary. Raises SceneError if they differ, a
+    dimension is unknown or mixed, or that of the manifold is not above that of the boundary.
     """
     if source.manifold_dim is None:
         raise SceneError(f"boundary {name!r} is of mixed dimension; make a boundary of each of its dimensions.")
@@ -174,11 +176,11 @@ def dimension_along(name: str, source: LocalSource, surface: LocalSource, dimens
 
 
 def _find_left(oriented: OrientedBoundary, origin: Floats) -> Left:
-    """Return the left side of a boundary that has sides, without ``queries``; sources are relative to ``origin`` (d,).
+    """Return the left side of a boundary that has sides; its sources are relative to ``origin`` (d,).
 
     If the sources provide all directions, only ``left_of`` is compared with them. Otherwise the boundary is sampled
     more and more densely until the conormals of neighbours agree; signs are propagated from sample to sample, and
-    ``left_of`` or a rule chooses the sign of each connected piece where the sources provide none.
+    ``left_of`` or a rule chooses the sign of each piece where the sources provide none. ``queries`` stays (0, 0).
     """
     boundary, source, manifold = oriented.boundary, oriented.source, oriented.surface
     if source.has_left or not oriented.missing_directions:
@@ -212,8 +214,8 @@ def _find_left(oriented: OrientedBoundary, origin: Floats) -> Left:
 def _check_sides(oriented: OrientedBoundary) -> None:
     """Check that a boundary whose conditions couple or differ has a left side, determined by more than a rule.
 
-    Raises SceneError if not, or if ``left_of`` is on the right by the sources' own directions; where an exchange of the
-    sides changes nothing, any left side is accepted.
+    Raises SceneError if not, or if ``left_of`` is on the right by the directions of the sources. If the solution is the
+    same after an exchange of the sides, any left side is accepted.
     """
     boundary = oriented.boundary
     on_left, on_right = boundary.condition("left"), boundary.condition("right")

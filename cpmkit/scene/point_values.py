@@ -20,15 +20,15 @@ def _valued_boundaries(scene: Scene) -> list[str]:
 def point_value_warnings(
     scene: Scene, points: Mapping[str, int], samples: tuple[Floats, Floats] | None = None
 ) -> tuple[str, ...]:
-    """Return a warning if values are prescribed at points and the solution has no limit for small spacings; else ().
+    """Return a tuple of a warning if values at points leave the solution without a limit for small spacings; else ().
 
     In two dimensions a point has capacity zero for equations of second order: u behaves like the logarithm of the
     distance to it. A single value is well posed where it fixes the constant up to which u is determined, and the total
-    source is zero.
-    Equations of fourth order, and the p-Laplacian for p > 2, have limits.
+    source is zero. Equations of fourth order, and the p-Laplacian for p > 2, have limits.
 
-    ``points`` maps the name of each boundary without sides to its number of points, 2 for two or more; ``samples`` are
-    quadrature points (n, d) of the manifold and their weights (n,), for the integral of a source.
+    ``points`` maps the name of each boundary without sides to its number of points, 2 for two or more. ``samples`` are
+    quadrature points (n, d) of the manifold and their weights (n,), for the integral of f; without them a function f
+    counts as one of integral zero.
     """
     valued = _valued_boundaries(scene)
     pins = [name for name in valued if name in points]
@@ -54,10 +54,10 @@ def point_value_warnings(
 
 
 def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: float, least: float) -> tuple[str, ...]:
-    """Return a warning if values are prescribed on curves of a surface smaller than ``least``; else ().
+    """Return a tuple of a warning if values are prescribed on curves of a surface smaller than ``least``; else ().
 
-    Such a curve acts as a hole of size ``least``, the smallest that ``spacing`` resolves. ``sizes`` maps the name of
-    each boundary that is a curve to the diagonal of its bounds.
+    Such a curve acts as a hole of size ``least``, the smallest that the lattice's ``spacing`` resolves. ``sizes`` maps
+    the name of each boundary that is a curve to the diagonal of its bounds. Lengths are in the scene's unit.
     """
     if scene.surface.manifold_dim != 2:
         return ()
@@ -74,7 +74,7 @@ def small_boundary_warnings(scene: Scene, cutting: Collection[str], spacing: flo
     """Return the warnings about values prescribed at points, and on curves of a surface smaller than ``least``.
 
     ``cutting`` are the names of the boundaries with two sides; other boundaries are points, or curves in a solid. The
-    size of a boundary is the diagonal of its bounds.
+    size of a boundary is the diagonal of its bounds; ``least`` is the smallest size that ``spacing`` resolves.
     """
     extents = {each.name: np.ptp(np.asarray(each.source.bounds), axis=0) for each in scene.boundaries}
     sizes = {name: float(np.linalg.norm(extent)) for name, extent in extents.items()}

@@ -87,7 +87,7 @@ class Scene(Generic[Family]):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        """Convert the arguments, replace arrays by vertex data, and check that all parts of the scene fit together."""
+        """Convert the arguments, replace arrays by vertex data; raise SceneError if parts of the scene do not fit."""
         object.__setattr__(self, "surface", as_source(self.surface))
         check_source(self.surface, "the surface", "of a mesh its arrays, the pair (vertices, faces)")
         if not isinstance(self.problem, Equation):
@@ -177,12 +177,10 @@ class Scene(Generic[Family]):
         return html_table("Scene", rows)
 
     def oriented(self, boundary: Boundary) -> OrientedBoundary:
-        """Return a boundary of the scene with its orientation, which is computed once for all spacings and lattices.
+        """Return a boundary of the scene with its orientation, which does not depend on the spacing and is cached.
 
-        Raises
-        ------
-        SceneError
-            If its dimension does not fit, or its conditions need a left side that is missing or undetermined.
+        Raises SceneError if its dimension does not fit, ``left_of`` is on the right, or its conditions need a left side
+        that is missing or undetermined.
         """
         if id(boundary) not in self._oriented:  # the scene keeps its boundaries alive
             self._oriented[id(boundary)] = orient(boundary, self.surface)
@@ -194,7 +192,7 @@ class Scene(Generic[Family]):
         return {}
 
     def _conditions(self) -> list[tuple[str, Condition]]:
-        """Return all conditions, of both sides of each boundary and of the edge, each after the name of its place."""
+        """Return pairs (place in messages, condition): left and right of each boundary, then the edge's parts."""
         conditions = [
             (f"boundary {boundary.name!r}", boundary.condition(side)) for boundary in self.boundaries for side in SIDES
         ]
@@ -202,13 +200,14 @@ class Scene(Generic[Family]):
 
     @property
     def conditions(self) -> list[Condition]:
-        """All conditions, of both sides of each boundary and of the edge."""
+        """All conditions: left and right of each boundary in order, then those of the edge's loops and parts."""
         return [condition for _, condition in self._conditions()]
 
     def _data(self) -> list[tuple[str, Data, Callable[[], Floats]]]:
-        """Return for all data of the scene the name, the data, and the function of a point (1, d) for their evaluation.
+        """Return triples (name in messages, data, function) of all data of the scene.
 
-        The point lies on the boundary or the part of the edge, or on the manifold: data may be undefined elsewhere.
+        The function, without arguments, returns a point (1, d) where the data can be evaluated: on their boundary or
+        part of the edge, or for data of the equation on the manifold.
         """
         places: list[Callable[[], Floats]] = []
         for boundary in self.boundaries:
@@ -223,16 +222,16 @@ class Scene(Generic[Family]):
 
 
 def _point_of(source: ClosestPointSource) -> Floats:
-    """Return a point (1, d) of ``source``."""
+    """Return the closest point (1, d) of ``source`` to the centre of its bounds."""
     centre = np.asarray(source.bounds, dtype=np.float64).mean(axis=0)[None]
     return LocalSource(source, np.zeros(source.dim)).closest_point(centre).points
 
 
 def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | None) -> Scene:
-    """Return the scene with another ``problem``, unless it is None, and other data of its conditions.
+    """Return the scene with the equation ``problem``, unless it is None, and other data of its conditions.
 
-    ``data`` has them by the name of the boundary or "edge"; see :meth:`cpmkit.preparing.Prepared.solve`. Raises
-    SceneError if the scene has no such boundary, or a new condition differs in more than its data.
+    ``data`` maps names of boundaries, or "edge", to conditions; None or a missing name keeps the old ones. Raises
+    SceneError if the scene has no such boundary, or a new condition differs in sides, parts, kind, factors or order.
     """
     if problem is None and not data:
         return scene
@@ -275,5 +274,5 @@ def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str
 
 
 def conditions_depend_on_time(scene: Scene) -> bool:
-    """Return whether data of the scene's conditions depend on the time."""
+    """Return True if a datum of the conditions on boundaries or the edge depends on the time."""
     return any(takes_time(data) for condition in scene.conditions for _, data in condition.data())

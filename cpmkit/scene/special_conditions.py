@@ -51,7 +51,7 @@ class Transmission(Condition):
     kind: ClassVar[str] = "transmission"
 
     def __post_init__(self) -> None:
-        """Raise InputError if a constant conductivity is not above zero, or the resistance is below zero."""
+        """Raise InputError if a conductivity is not above zero or depends on t, or the resistance is below zero."""
         super().__post_init__()
         for side in ("left", "right"):
             conductivity = getattr(self, side)
@@ -155,7 +155,7 @@ class NonlinearFlux(Condition):
     law_kind: ClassVar[type] = Nonlinear
 
     def __post_init__(self) -> None:
-        """Check that the flux and its slope are functions, convert the guess to a float; raise InputError if not."""
+        """Convert the guess to a float; raise InputError if it is not finite, or flux or slope is no function."""
         for name, optional in (("flux", False), ("slope", True)):
             function = getattr(self, name)
             if not callable(function) and not (optional and function is None):

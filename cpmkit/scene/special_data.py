@@ -95,10 +95,10 @@ class VertexArrays:
         self._replaced: dict[int, tuple[Any, Any]] = {}
 
     def in_fields(self, instance: Any, label: str) -> Any:
-        """Return an equation or a condition with arrays replaced by vertex data; the same result for the same object.
+        """Return an equation or condition with arrays replaced by vertex data; an object without arrays is unchanged.
 
-        Raises SceneError if an array has neither one row per vertex nor few channels, or may be both, and InputError if
-        its values are not finite; ``label`` is the name of the equation or condition.
+        The result is cached by the object. Raises SceneError if an array has neither one row per vertex nor at most 16
+        rows, or may be either, InputError if its values are not finite; ``label`` is the object's name in messages.
         """
         if not hasattr(instance, "__dataclass_fields__"):
             return instance
@@ -111,9 +111,9 @@ class VertexArrays:
         return self._replaced[id(instance)][1]
 
     def _datum(self, array: Any, label: str) -> Any:
-        """Return an ``array`` with one row per vertex as :class:`VertexData`; other data unchanged.
+        """Return an ``array`` with one row per vertex as :class:`VertexData`; other data, also tensors, unchanged.
 
-        Raises SceneError or InputError as :meth:`in_fields`; ``label`` is the name of the array.
+        Raises SceneError or InputError as :meth:`in_fields`; ``label`` is the name of the array in messages.
         """
         if not isinstance(array, np.ndarray) or array.ndim == 0 or array.shape in TENSOR_SHAPES:
             return array
@@ -170,7 +170,7 @@ class PointSource(Functional):
     beside: Data = 0.0
 
     def __post_init__(self) -> None:
-        """Convert ``at`` to points (k, d) and ``strength`` to an array (k, channels), and check them."""
+        """Convert ``at`` to (k, d), ``strength`` to (k, channels); raise InputError for other shapes or NaN."""
         try:
             at = np.asarray(self.at, dtype=np.float64)
         except (TypeError, ValueError) as error:
@@ -195,7 +195,7 @@ class PointSource(Functional):
         return int(self.strength.shape[1])
 
     def values(self, form: Any) -> Floats:
-        """Return the sum (n, channels) over the points of the strength times the value of each of n test functions."""
+        """Return sum_k strength_k phi_i(at_k) (n, channels) for the n test functions phi_i of the ``form``."""
         loads = np.asarray(form.rows(self.at).T @ self.strength)
         return loads if loads.shape[1] == form.scene.channels else np.repeat(loads, form.scene.channels, axis=1)
 
@@ -251,9 +251,9 @@ class Divergence(Functional):
     __rmul__ = __mul__
 
     def values(self, form: Any) -> Floats:
-        """Return -scale times the integral of X . grad phi (n, channels) for n test functions, equal in all channels.
+        """Return -scale times the integral of X . grad phi_i for the n test functions of the Galerkin ``form``.
 
-        Raises InputError if the function does not return finite vectors.
+        It is (n, channels), equal in all channels. Raises InputError if X does not return finite vectors (points, d).
         """
         points = form.points
         is_field = getattr(self.of, "points", None) is points  # any other function may write to its argument

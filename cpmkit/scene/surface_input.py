@@ -95,7 +95,7 @@ def _poly_data(mesh: Any) -> ClosestPointSource:
 
 
 def _mesh(vertices: Any, faces: Any) -> ClosestPointSource:
-    """Return the source of a triangle mesh with ``vertices`` (n, 3) and ``faces``."""
+    """Return the source of a mesh with ``vertices`` (n, 3); ``faces`` (m, k), or lists, are numbers of vertices."""
     return source("mesh.triangles", vertices=np.asarray(vertices, dtype=np.float64), faces=faces)
 
 
@@ -107,10 +107,10 @@ def _cloud(points: Any, normals: Any) -> ClosestPointSource:
 
 
 def faces_of_cells(blocks: Sequence[tuple[str, Any]]) -> Any:
-    """Return the faces in blocks (kind, cells) of meshio: an array (m, k) if all have k corners, else a list of lists.
+    """Return the faces, by vertex numbers, in blocks (kind, cells (m, k)) of meshio.
 
-    Kinds of lower dimension, which mark parts of meshes, are ignored. Raises SceneError if a block contains solids or
-    curved cells, or no block contains faces.
+    The result is an array (faces, k) if all faces have k corners, else a list of lists. Kinds of lower dimension, which
+    mark parts of meshes, are ignored. Raises SceneError if a block has solids or curved cells, or none has faces.
     """
     faces = [np.asarray(cells) for kind, cells in blocks if kind in ("triangle", "quad", "polygon") and len(cells)]
     accepted = {"triangle", "quad", "polygon", "vertex", "line", "line3", "polyline"}
@@ -145,7 +145,7 @@ def faces_of_grid(grid: Any) -> Any:
 
 
 def _check_faces(others: Sequence[str], any_faces: bool) -> None:
-    """Raise SceneError if a mesh has cells of the kinds ``others``, which are not faces, or no faces at all."""
+    """Raise SceneError if a mesh has no faces, or ``others``, the kinds of its other cells, is not empty."""
     if others or not any_faces:
         raise SceneError(
             f"the surface is a mesh with {'cells of the kinds ' + ', '.join(others) if others else 'no faces'}; "

@@ -31,7 +31,7 @@ from cpmkit.types import Floats
 
 
 def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
-    """Return the keyword arguments of ``vector_field`` from the tables [[direction]] and [vectors].
+    """Return the keyword arguments of ``vector_field`` on ``scene`` from the tables [[direction]] and [vectors].
 
     Files are searched first in ``folder``. Raises SceneError if there is no direction, or a key or value is not
     accepted.
@@ -89,7 +89,8 @@ def _read_direction(value: Any, dim: int, label: str) -> Any:
 def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
     """Return the keyword arguments of ``harmonic_map``, and ``texture``, from [target], [[landmark]] and [map].
 
-    Raises SceneError if a table is missing, or a key or value is not accepted.
+    Landmarks are on the surface of ``scene``; files are searched first in ``folder``. Raises SceneError if a table is
+    missing, or a key or value is not accepted.
     """
     if "target" not in tables:
         raise SceneError("a scene of a map needs the table [target], whose kind says where the map goes.")
@@ -123,9 +124,9 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
 
 
 def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
-    """Return the keyword arguments of ``diffusion_curves`` from the tables [[curve]].
+    """Return {"curves": {name: (source, colours of both sides, or by side)}} for ``diffusion_curves``, from [[curve]].
 
-    Raises SceneError if two curves have the same name, or a key or value is not accepted.
+    Files are searched first in ``folder``. Raises SceneError if a name of curves repeats, or an entry is not accepted.
     """
     curves: dict[str, Any] = {}
     for number, table in list_of_tables(tables, "curve"):
@@ -164,13 +165,13 @@ def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
 
 
 def _points(value: Any, dim: int, label: str) -> Floats:
-    """Return a point, or a list of points or vectors, as an array (n, dim). Raises InputError for another shape."""
+    """Return a point, or a list of points or vectors, as (n, dim); raise InputError, with ``label``, for others."""
     is_point = is_sequence(value) and not any(map(is_sequence, value))
     return as_points([value] if is_point else value, dim, label)
 
 
 def load_application(path: str | Path, command: str) -> SceneFile:
-    """Return the contents of a scene file for the application of ``cpmkit COMMAND``.
+    """Return the contents of a scene file for the application ``command``: ``vectors``, ``map`` or ``paint``.
 
     Raises SceneError if the file is missing, does not parse, or has a key or value that is not accepted. Raises
     PluginError if no installed plugin has a kind that the file names.

@@ -30,7 +30,8 @@ CONDITIONS: dict[str, Any] = {kind.kind: kind for kind in (Dirichlet, Neumann, R
 def read_side(key: str, value: Any, dim: int, where: str) -> Any:
     """Return the ``value`` of the ``key`` of a [[boundary]]: of ``left_of`` unchanged, of other keys as a condition.
 
-    ``across`` is a transmission without a kind. Raises errors as :func:`read_condition`.
+    A table ``across`` without a kind is a transmission. ``dim``, ``where`` and errors are as for
+    :func:`read_condition`.
     """
     if key == "left_of":
         return value
@@ -43,7 +44,7 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
 
 
 def _read_keys(table: dict[str, Any], dim: int, where: str) -> dict[str, Any]:
-    """Return a table of data with formulas replaced by functions; raise SceneError for values that are not data."""
+    """Return the entries of a table as :func:`read_data` does; ``where`` is the table's name in messages."""
     return {key: read_data(value, dim, f"{key} of {where}") for key, value in table.items()}
 
 
@@ -53,7 +54,8 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
     A number, a formula or a list of them is a Dirichlet condition. A table has the kind as a key, with the datum or a
     list of the parameters as its value; for the condition of a plugin it has ``kind = NAME`` and the keys of that kind.
     It may also have an ``order``. Raises SceneError if the kind or its value is not accepted, InputError if a number or
-    the order is not, and PluginError if no installed plugin has the kind. ``where`` is the name in messages.
+    the order is not, and PluginError if no plugin has the kind. ``dim`` is the number of coordinates in
+    formulas, ``where`` the name of the condition in messages.
     """
     if _is_datum(table):
         return Dirichlet(read_data(table, dim, where))
@@ -81,7 +83,8 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
 def _condition_arguments(kind: str, value: Any, dim: int, where: str) -> list[Any]:
     """Return the positional arguments of a built-in kind of condition: none, a datum, or the entries of its list.
 
-    Raises SceneError if the value is not as the kind needs it, InputError if it has a number that is not finite.
+    ``value`` is that of the key ``kind``; ``dim`` and ``where`` are as for :func:`read_condition`. Raises SceneError if
+    the value is not as the kind needs it, InputError if it has a number that is not finite.
     """
     parameters = [member for member in fields(CONDITIONS[kind]) if member.name != "order"]
     if not parameters:
@@ -107,7 +110,7 @@ def _is_datum(value: Any) -> bool:
 def read_edge(table: Any, dim: int, where: str) -> Any:
     """Return the conditions of the edge that ``table`` describes, by the number of the loop if its keys are numbers.
 
-    ``dim`` is the number of coordinates. Raises errors as :func:`read_condition`.
+    ``dim``, ``where`` and errors are as for :func:`read_condition`.
     """
     if not _is_datum(table):
         table = as_table(table, where)
@@ -120,7 +123,8 @@ def read_edge(table: Any, dim: int, where: str) -> Any:
 def _conditions_on_loop(table: Any, dim: int, where: str) -> Any:
     """Return the condition of an edge loop, or the list of its parts by position.
 
-    A part is a pair (condition, where), or the condition alone for the rest. Raises as :func:`read_condition`.
+    A part is a pair (condition, formula), or the condition alone for the rest. ``dim``, ``where`` and errors are as for
+    :func:`read_condition`.
     """
     if not is_sequence(table) or not any(isinstance(entry, Mapping) for entry in table):  # data of several channels
         return read_condition(table, dim, where)
@@ -157,21 +161,21 @@ def read_data(value: Any, dim: int, where: str) -> Data:
 
 
 def _read_scalar(value: Any, dim: int, where: str) -> Any:
-    """Return a number unchanged and a formula as a function; raise SceneError for a list."""
+    """Return a number unchanged, a formula as a function; raise as :func:`read_data`, and SceneError for a list."""
     if is_sequence(value):
         raise SceneError(f"{where} must be one number or formula, got {shown(value)}.")
     return read_data(value, dim, where)
 
 
 def _read_channels(value: Any, dim: int, where: str) -> Any:
-    """Return a number or formula, or a list of one for each channel."""
+    """Return a number or formula, or a list of them by channel, as :func:`read_data` does, with its errors."""
     if not is_sequence(value):
         return read_data(value, dim, where)
     return [_read_scalar(entry, dim, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
 
 
 def _read_tensor(value: Any, dim: int, where: str) -> Any:
-    """Return a number, a formula or a tensor; raise SceneError for a list that is not ``dim`` lists of ``dim``."""
+    """Return a scalar or tensor as :func:`read_data` does; SceneError for a list that is not ``dim`` by ``dim``."""
     if is_sequence(value) and [is_sequence(row) and len(row) for row in value] != [dim] * dim:
         raise SceneError(
             f"{where} must be one number or formula, or a tensor, a list of {dim} lists of {dim} numbers or formulas, "
@@ -183,8 +187,8 @@ def _read_tensor(value: Any, dim: int, where: str) -> Any:
 def read_vector(value: Any, dim: int, where: str, count: int | None = None) -> Any:
     """Return the function of points given as a list with a number or formula for each of ``count`` components.
 
-    By default these are the ``dim`` coordinates of a vector. Raises SceneError if the list has another length, or an
-    entry depends on t.
+    By default these are the ``dim`` coordinates of a vector. Raises SceneError, with the name ``where``, if the list
+    has another length, or an entry is not accepted or depends on t.
     """
     count = dim if count is None else count
     if not is_sequence(value) or len(value) != count:
@@ -209,10 +213,7 @@ DATA_READERS: dict[str, Callable[..., Any]] = {
 
 
 def as_table(value: Any, where: str) -> dict[str, Any]:
-    """Return a copy of the table ``value``.
-
-    Raises SceneError if it is not a table; ``where`` is its name in the message.
-    """
+    """Return a shallow copy of the table ``value``; raise SceneError, with its name ``where``, if it is no dict."""
     if not isinstance(value, dict):
         raise SceneError(f"{where} must be a table, got {shown(value)}.")
     return dict(value)
@@ -267,9 +268,9 @@ Carrier = tuple[str, ClosestPointSource]
 
 
 def list_of_tables(tables: Mapping[str, Any], name: str) -> list[tuple[int, dict[str, Any]]]:
-    """Return copies of the tables of a list [[name]], each after its number, from 1; empty without the list.
+    """Return pairs (number from 1, copy of the table) for the list [[name]] of ``tables``; empty without the list.
 
-    Raises SceneError if ``name`` is not a list of tables.
+    Raises SceneError if the entry ``name`` is not a list of tables.
     """
     entries = tables.get(name, [])
     if not is_sequence(entries):

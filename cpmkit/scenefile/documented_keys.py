@@ -44,7 +44,8 @@ class Key:
 def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
     """Return the keys in scene files of the kind that a factory or class makes: its parameters by name.
 
-    Their types and summaries are read from its docstring; ``*args`` and ``**keywords`` are left out.
+    They are in the order of the signature, without ``*args`` and ``**keywords``. Types and summaries are those of the
+    sections Parameters and Attributes of the docstring of ``make``.
     """
     documented = {**_documented_parameters(make, "Parameters"), **_documented_parameters(make, "Attributes")}
     keys = []
@@ -61,7 +62,7 @@ def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
 
 
 def _type_name(annotation: Any) -> str:
-    """Return the name of an annotation, which is a class or, with postponed evaluation, text."""
+    """Return the name of an annotation: that of a class, or the text of a postponed annotation without quotes."""
     return annotation.__name__ if isinstance(annotation, type) else str(annotation).strip("'")
 
 
@@ -74,7 +75,7 @@ def first_sentence(text: str | None) -> str:
 
 
 def _documented_parameters(make: Callable[..., Any], section: str) -> dict[str, tuple[str, str]]:
-    """Return the type and the first sentence of each parameter in the ``section`` of a docstring, by its name."""
+    """Return pairs (type, first sentence) of the parameters in a docstring's ``section``, by name; {} without it."""
     doc = inspect.cleandoc(make.__doc__ or "")
     heading = re.search(rf"^{section}\n-+\n", doc, re.MULTILINE)
     if not heading:

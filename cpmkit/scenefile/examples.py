@@ -27,7 +27,7 @@ def examples_folder() -> Path:
 
 
 def example_files() -> dict[str, Path]:
-    """Return the files of the examples by their paths in the folder: scenes, scenes of applications, studies."""
+    """Return the example files by their paths in the folder: scenes, application scenes, studies; in this order."""
     folder = examples_folder()
     files = [file for part in SCENE_FOLDERS for file in sorted(folder.glob(f"{part}*.toml"))]
     return {file.relative_to(folder).as_posix(): file for file in files}

@@ -37,7 +37,7 @@ class Kind:
 
 
 def kinds(name: str | None = None) -> tuple[Kind, ...]:
-    """Return all kinds that a scene can name, or the kinds of one name.
+    """Return all kinds that a scene can name, or the kinds of a name, sorted by sort and name.
 
     This imports the plugins; ``cpmkit plugins`` lists names without importing them.
 
@@ -82,7 +82,8 @@ Schema = dict[str, Any]
 def scene_schema(command: str | None = None) -> Schema:
     """Return the JSON schema of scene files, or of those for the application of ``cpmkit COMMAND``.
 
-    It includes the kinds that installed plugins add.
+    ``command`` is the name of an application, such as ``paint``; None for a scene with an equation. The kinds that
+    installed plugins add are included.
     """
     title, tables, needed = "A scene of cpmkit", table_schemas(), ["problem", "surface"]
     if command is not None:
@@ -154,7 +155,7 @@ def table_of(keys: Iterable[Key]) -> Schema:
 
 
 def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False) -> Schema:
-    """Return the JSON schema of a table with these ``properties``.
+    """Return the JSON schema of a table whose keys have the schemas ``properties``.
 
     ``needed`` are the required keys; ``further`` is True if other keys are allowed.
     """

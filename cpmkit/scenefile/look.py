@@ -122,7 +122,7 @@ class Look:
         return cls(**options)
 
     def levels(self, ends: Sequence[float]) -> list[float]:
-        """Return the values of the isolines, for a colour bar between the two ``ends``."""
+        """Return the values of the isolines: evenly spaced inside the ``ends`` (2,) of the colour bar, or as given."""
         if isinstance(self.isolines, int):
             return [float(level) for level in np.linspace(ends[0], ends[1], self.isolines + 2)[1:-1]]
         return list(self.isolines)
@@ -133,7 +133,7 @@ class Look:
 
 
 def document_look(function: Function) -> Function:
-    """Put the options of a picture, with their defaults, in place of ``**options`` in signature and docstring."""
+    """Return ``function``, changed in place: its signature and docstring list the options of a picture by name."""
     *parameters, _ = inspect.signature(function).parameters.values()
     look = [option.replace(kind=option.KEYWORD_ONLY) for option in inspect.signature(Look).parameters.values()]
     summaries = inspect.cleandoc(Look.__doc__ or "").partition("----------\n")[2].partition("\n\nRaises")[0]
@@ -201,7 +201,7 @@ class PictureRequest(Look):
     frames: bool = False
 
     def __post_init__(self) -> None:
-        """Check the options; raise SceneError if the name leads out of the folder, or frames of an error are wanted."""
+        """Check the options; raise SceneError if ``file`` leaves the folder, or frames of an error are requested."""
         relative_name(self.file, "file of the picture")
         super().__post_init__()
         if self.frames and self.field != "solution":
@@ -209,7 +209,7 @@ class PictureRequest(Look):
 
     @property
     def look(self) -> dict[str, Any]:
-        """The options of the look, without the file and the frames."""
+        """The options of :class:`Look` by name, without ``file`` and ``frames``."""
         return {field.name: getattr(self, field.name) for field in fields(Look)}
 
 
@@ -268,9 +268,9 @@ def relative_name(name: object, label: str) -> str:
 
 
 def check_links(path: Path, folder: Path, label: str) -> None:
-    """Check that no symbolic links lead the output ``path`` out of a ``folder``; ``label`` names it in messages.
+    """Check that the output ``path``, links resolved, is inside ``folder``; ``label`` is its name in messages.
 
-    Raises SceneError if they do, or the working directory is gone; InputError if the file system refuses the name.
+    Raises SceneError if it is not, or the working directory is gone; InputError if the file system refuses the name.
     """
     check_name(path)
     try:

@@ -157,11 +157,11 @@ def naming_table(where: str) -> Iterator[None]:
 def read_source(
     table: dict[str, Any], folder: Path, where: str, surface: ClosestPointSource | None = None
 ) -> ClosestPointSource:
-    """Return the closest-point source that a table describes.
+    """Return the closest-point source that a table describes; the key ``kind`` is removed from ``table``.
 
-    ``table`` loses its kind. A boundary's source receives the ``surface`` as an argument if it takes one and the table
-    does not give it. Raises SceneError if the kind, a key or its value is not accepted, PluginError if the kind is not
-    installed; ``where`` is the name of the table in the message.
+    Files are searched first in ``folder``. ``surface`` is given for a boundary, whose source receives it as an argument
+    if it takes a surface and the table has none. Raises SceneError, with the name ``where`` of the table, if the kind,
+    a key or its value is not accepted, PluginError if the kind is not installed.
     """
     kind = table.pop("kind", None)
     if not isinstance(kind, str):
@@ -180,7 +180,7 @@ def read_source(
 
 
 def _as_source(value: Any, folder: Path, where: str) -> Any:
-    """Return a table as the source that it describes, a list entry by entry, and any other value unchanged."""
+    """Return a table as the source that :func:`read_source` makes, lists by entries, other values unchanged."""
     match value:
         case dict():
             return read_source(dict(value), folder, where)
@@ -190,7 +190,7 @@ def _as_source(value: Any, folder: Path, where: str) -> Any:
 
 
 def _boundary(table: dict[str, Any], number: int, folder: Path, surface: ClosestPointSource) -> Boundary:
-    """Return the boundary of table [[boundary]] ``number``. Raises SceneError if a key or its value is not accepted."""
+    """Return the boundary of [[boundary]] ``number``; remove keys of ``table``, raise errors as :func:`load_scene`."""
     name = table.pop("name", f"boundary {number}")
     if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 100:
         raise SceneError(
@@ -210,7 +210,7 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
 def _problem(table: dict[str, Any], dim: int) -> Equation:
     """Return the equation of the table [problem], for a manifold in ``dim`` dimensions.
 
-    Raises SceneError if the kind, a key or its value is not accepted.
+    ``table`` is changed. Raises SceneError if the kind, a key or its value is not accepted.
     """
     kind = table.pop("kind", None)
     if not isinstance(kind, str) or kind not in PROBLEMS:
@@ -227,7 +227,7 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
 def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
     """Return the output that the table [output] of the scene file ``path`` asks for.
 
-    Raises SceneError if a key or its value is not accepted.
+    The folder is by default named as the file, without its suffix. Raises SceneError if a key or value is not accepted.
     """
     check_accepted("[output]", table, ("folder", "files", "picture", "vertices"))
     picture, files = table.get("picture"), table.get("files", ["summary.json"])

@@ -29,8 +29,9 @@ def join_at_corners(
     """Return the runs of a boundary's points, joined where one begins where another ends, and whether each is closed.
 
     The sides of a polyline that turns by a right angle are separate runs, whose ends coincide. Where three or more ends
-    meet, nothing is joined. A run has the indices (k,) of ``points`` (n, d) in order along a curve, with ``tangents``
-    (n, d) in its direction. ``weights`` (n,) are the lengths of curve that points represent, half on either side.
+    meet, nothing is joined. A run has the indices (k,) of ``points`` (n, d) in order along a curve, with unit
+    ``tangents`` (n, d) in its direction; ``closed`` is True for each closed run. ``weights`` (n,) are the lengths of
+    curve that points represent, half on either side.
     """
     opened = [run for run, is_closed in zip(runs, closed, strict=True) if not is_closed]
     if not opened:
@@ -51,7 +52,7 @@ def join_at_corners(
 def _join_runs(opened: Sequence[Ints], follows: Bools, others: Sequence[Ints]) -> tuple[list[Ints], tuple[bool, ...]]:
     """Return the closed runs ``others`` followed by the joined runs of ``opened``, and whether each is closed.
 
-    ``follows`` (i, j) is whether open run j begins where open run i ends.
+    ``follows`` (runs, runs) is True at [i, j] if open run j begins where open run i ends.
     """
     following = np.where(follows.any(axis=1), follows.argmax(axis=1), -1)
     joined, are_closed, left = list(others), [True] * len(others), np.ones(len(opened), dtype=bool)
@@ -121,10 +122,8 @@ class BoundaryPoints:
     def spaced(self, count: int, curve: int = 0) -> Floats:
         """Return ``count`` points (count, d) of a curve at equal arc lengths, with both ends of an open curve.
 
-        Raises
-        ------
-        InputError
-            If there is no such curve, the boundary consists of points, or ``count`` is not above zero.
+        ``curve`` is the number of the curve, from 0. Raises InputError if there is no such curve, the boundary consists
+        of points, or ``count`` is not a whole number above zero.
         """
         count = whole(count, "count", 1, 10_000_000)
         if not 0 <= curve < len(self.closed) or not self.source.manifold_dim:
@@ -239,7 +238,7 @@ def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tupl
 
 
 def _in_direction(points: Floats, tangents: Floats, order: Ints) -> Ints:
-    """Return the indices ``order`` of a chain of points, reversed if the chain runs against the tangents."""
+    """Return ``order`` (k,), indices of a chain of points (n, d), reversed if it runs against the tangents (n, d)."""
     if len(order) < 2:
         return order
     ahead = np.einsum("kd,kd->", points[order[1:]] - points[order[:-1]], tangents[order[:-1]])

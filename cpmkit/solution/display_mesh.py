@@ -101,9 +101,9 @@ def display_mesh(solution: SolutionRecord) -> DisplayMesh:
 
 
 def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats | None:
-    """Return unit normals (v, 3) of the mesh before the cut, zero at vertices of segments, of any sign at points.
+    """Return unit normals (v, 3) of the mesh ``points`` (v, d), ``cells`` (m, k): zero where there are only segments.
 
-    None in the plane, and where there are only segments.
+    Those of points (cells with a single corner) have any sign. None in the plane, and if all cells are segments.
     """
     triangles, dots = with_corners(cells, 3), with_corners(cells, 1)[:, 0]
     if points.shape[1] == 2 or not len(triangles) + len(dots):
@@ -183,9 +183,10 @@ def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
 
 
 def values_at_vertices(solution: SolutionRecord, evaluate: Callable[[Floats], Floats]) -> Floats:
-    """Return what ``evaluate`` reads, (n,) or (n, channels), at the vertices from which the user made the surface.
+    """Return ``evaluate`` (n,) or (n, channels) at the n vertices from which the user made the surface, in their order.
 
-    A vertex farther than half a spacing from the surface has NaN; see :meth:`SolutionRecord.at_vertices`.
+    It is NaN at a vertex that is not finite, or farther than half a spacing from the surface. Raises InputError if the
+    surface was not made from vertices.
     """
     surface = solution.scene.surface
     vertices, _ = given_mesh_of(surface)

@@ -18,7 +18,7 @@ from cpmkit.types import Floats
 def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
     """Check before the first time step that the memory can hold the solutions (unknowns, channels) of all ``frames``.
 
-    Raises ResolutionError if it cannot; the message names the number of frames that it can hold.
+    ``frames`` is their number. Raises ResolutionError if it cannot, with the number of frames that fit.
     """
     frame_bytes, available = 2 * 8 * unknowns * channels, available_bytes()  # two copies while they are saved
     if frames * frame_bytes > available:
@@ -60,14 +60,14 @@ class EvolvedRecord(SolutionRecord):
         return integrals(self.discretized, self.values)
 
     def frame_meshes(self) -> list[DisplayMesh]:
-        """Return the display meshes of all frames: the same mesh, cut once, with the values of each frame."""
+        """Return the display meshes of all frames, at least one: a mesh, cut once, with the values of each frame."""
         all_values = np.concatenate([frame.values for frame in self.frames], axis=1)
         mesh = replace(self, values=all_values, frames=()).display_mesh()
         parts = np.split(mesh.values, len(self.frames), axis=1)
         return [replace(mesh, values=np.ascontiguousarray(part)) for part in parts]
 
     def summary(self) -> dict[str, Any]:
-        """Return the summary that every solution has, with the time, the scheme and the integrals of frames."""
+        """Return the plain values of :meth:`SolutionRecord.summary`, with time, scheme, and integrals by frame."""
         problem: Any = self.scene.problem
         summary: dict[str, Any] = {"time": self.time, "steps": self.steps}
         if problem.family == "time":
@@ -82,7 +82,7 @@ class EvolvedRecord(SolutionRecord):
         return {**super().summary(), "time": summary}
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays of the discrete solution, with the times and the values of the frames."""
+        """Return the record's arrays, and ``time`` (), ``frame_times`` (f,), ``frames`` (f, unknowns, channels)."""
         times = np.array([frame.time for frame in self.frames])
         frames = np.stack([frame.values for frame in self.frames]) if self.frames else np.zeros((0, *self.values.shape))
         return {**super().arrays(), "time": np.array(self.time), "frame_times": times, "frames": frames}
@@ -98,9 +98,9 @@ class EvolvedRecord(SolutionRecord):
 
 
 def frames_of(solution: SolutionRecord, label: str) -> tuple[EvolvedRecord, ...]:
-    """Return the frames of a solution, its values at earlier times; ``label`` names their use in the error.
+    """Return the frames of a solution: solutions at the stored times, in ascending order.
 
-    Raises InputError if the solution has none.
+    Raises InputError, in which ``label`` names their use, if the solution has none.
     """
     frames = solution.frames if isinstance(solution, EvolvedRecord) else ()
     if not frames:

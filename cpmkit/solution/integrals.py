@@ -36,7 +36,7 @@ Integrand = float | Callable[[Floats, Floats], Any]
 
 
 def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | None) -> float | Floats:
-    """Return the integral of the solution, or of a function of it; see :meth:`SolutionRecord.integrate`."""
+    """Return the integral of the solution, or of ``function`` unless None; see :meth:`SolutionRecord.integrate`."""
     dimension, form = _dimension(solution.scene.surface, dim), solution.discretized
     if form.point_weights is not None:  # the form's own quadrature, each point on its side
         read = form.at_points(solution.values)
@@ -120,8 +120,8 @@ BEYOND_RIM_SPACINGS = 0.25
 def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> tuple[Floats, Floats]:
     """Return quadrature points (n, d) on ``surface`` along the boundary ``source``, and weights (n,).
 
-    Weights are lengths or areas. If ``source`` has a mesh, the rule is that of its curved cells, and points have
-    weight 1; else the quadrature points are closest points of lattice nodes around the boundary.
+    Weights are lengths or areas, 1 for a boundary of points. If ``source`` has a mesh, for ``spacing``, the rule is
+    that of its curved cells; else the points are closest points of lattice nodes around the boundary.
     """
     dim = source.manifold_dim or 0
     if not isinstance(source, HasMesh):
@@ -164,7 +164,8 @@ def _from_bump(
 def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> tuple[ClosestPoints, Floats]:
     """Return quadrature points on the manifold's edge, or on one ``loop`` of it, as closest points, and weights (n,).
 
-    Raises InputError if the surface has no mesh or no such edge, or is a solid in space.
+    The mesh is that for ``spacing``; ``loop`` None is the whole edge. An end of a curve has weight 1. Raises InputError
+    if the surface has no mesh or no such edge, or is a solid in space.
     """
     points, cells = mesh_of(surface)(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
@@ -203,7 +204,7 @@ def _rim_of_triangles(
 
 
 def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, points: Any) -> Floats:
-    """Return du/db (n,) or (n, channels) at points of a boundary; see :meth:`SolutionRecord.flux_density`."""
+    """Return du/db (n,) or (n, channels) at points (n, d) of a boundary; InputError if ``side`` is None."""
     density = solution.discretized.conormal_derivative(solution.values, points, boundary, _check_side(boundary, side))
     return density[:, 0] if solution.channels == 1 else density
 

@@ -44,11 +44,11 @@ class EigenRecord(SolutionRecord):
         return [f"\N{GREEK SMALL LETTER LAMDA} = {value if abs(value) > zero else 0:.4g}" for value in self.eigenvalues]
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays that every solution has, from which it is rebuilt, and the eigenvalues."""
+        """Return the arrays of :meth:`SolutionRecord.arrays`, and ``eigenvalues`` (count,)."""
         return {**super().arrays(), "eigenvalues": self.eigenvalues}
 
     def summary(self) -> dict[str, Any]:
-        """Return the summary that every solution has, with the eigenvalues and their residuals."""
+        """Return the plain values of :meth:`SolutionRecord.summary`, with lists ``eigenvalues`` and ``residuals``."""
         return {**super().summary(), "eigenvalues": self.eigenvalues.tolist(), "residuals": self.residuals.tolist()}
 
     def __repr__(self) -> str:
@@ -106,7 +106,7 @@ class Resonance:
 
     @property
     def is_undetermined(self) -> bool:
-        """Whether the eigenvalue may be zero or of the other sign."""
+        """True if the eigenvalue is within two of its errors of zero, so that it may be zero or of the other sign."""
         return abs(self.gap) <= NEAR_RESONANCE_ERRORS * self.error
 
     def amplified_error(self, measured: float) -> tuple[float, float]:

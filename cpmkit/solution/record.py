@@ -123,17 +123,14 @@ class SolutionRecord:
     def error(self) -> Any:
         """The error estimate that was made with the solution; :class:`cpmkit.Solution` makes one on first use.
 
-        Raises
-        ------
-        InputError
-            If there is none.
+        Raises InputError if there is none.
         """
         if not self.estimated:
             raise InputError("the error of this solution was not estimated; cpmkit.Solution.error estimates it.")
         return self.estimated
 
     def error_at(self, points: Any) -> Any:
-        """Return the estimated error (n,) or (n, channels) at points of the manifold, in the solution's own unit."""
+        """Return the estimated error, in the unit of u, at points of the manifold; shapes as for :meth:`evaluate`."""
         return self._at(points, self.error.at_points)
 
     @overload
@@ -169,7 +166,7 @@ class SolutionRecord:
         return self.evaluate(points, side)
 
     def _values_at(self, points: Any, side: ReadSides) -> Floats:
-        """Return the solution (n,) or (n, channels) at points (n, d); with both sides, left first, on a second axis."""
+        """Return the solution (n,) or (n, channels) at points (n, d); for "both" with a second axis, left first."""
         if side == "both":
             return np.stack([self._values_at(points, one) for one in SIDES], axis=1)
         values = self.discretized.evaluate(self.values, points, side)
@@ -294,7 +291,7 @@ class SolutionRecord:
         return flux_density(self, boundary, side, points)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distance (n,) of points of the manifold from boundary ``name``, positive on its left.
+        """Return the distance (n,) of points (n, d) of the manifold from boundary ``name``, positive on its left.
 
         It is NaN where it is not defined: beyond an open end of the boundary, far from it, on a sheet of the surface
         that the boundary does not touch, or if the boundary is a point on a surface.
@@ -344,17 +341,17 @@ class SolutionRecord:
         return integrate(self, function, dim)
 
     def mean(self, function: Integrand | None = None, *, dim: int | None = None) -> float | Floats:
-        """Return the integral of :meth:`integrate` divided by the length, area or volume."""
+        """Return the integral of :meth:`integrate`, by channel, over the length, area or volume of the manifold."""
         return self.integrate(function, dim=dim) / float(self.integrate(1.0, dim=dim))
 
     @property
     def doubled(self) -> Floats:
-        """Closest points (k, d) of the second unknowns at nodes that several sheets of the surface share."""
+        """Closest points (k, d) of the second unknowns at nodes that several sheets share; none in most forms."""
         doubled = self.discretized.diagnosis().doubled
         return np.zeros((0, self.scene.surface.dim)) if doubled is None else doubled
 
     def display_mesh(self) -> DisplayMesh:
-        """Return a mesh of the manifold with the solution at its vertices, made at the first call."""
+        """Return a mesh of the manifold with the solution at its vertices, cached; InputError if it has no mesh."""
         return self._display_mesh
 
     @cached_property
@@ -370,7 +367,7 @@ class SolutionRecord:
         return summarize(self)
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays from which the solution is rebuilt; none if the display mesh holds the whole solution."""
+        """Return the arrays, by name, from which a saved solution is rebuilt; {} if only its display mesh is saved."""
         known = self.discretized.arrays()
         return {**known, "unknowns": self.values} if known else {}
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def summarize(solution: SolutionRecord) -> dict[str, Any]:
-    """Return the summary of a solution as plain values, as ``summary.json`` holds it."""
+    """Return the summary of a solution as plain values: numbers, texts, lists and dicts, as in ``summary.json``."""
     versions = {name: version_of(name) or "not installed" for name in solution.discretized.traits.libraries}
     return {
         "scene": describe_scene(solution.scene),
@@ -37,7 +37,7 @@ def summarize(solution: SolutionRecord) -> dict[str, Any]:
 
 
 def describe_scene(scene: Scene) -> dict[str, Any]:
-    """Return a scene as plain values, by which saved solutions are compared; ``of position`` stands for functions."""
+    """Return a scene as plain values, by which saved solutions are compared; functions are ``of position``."""
     edge = scene.edge
     if isinstance(edge, Mapping):
         of_edge: Any = {str(loop): _on_loop(conditions) for loop, conditions in edge.items()}
@@ -61,7 +61,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
 
 
 def _on_loop(conditions: LoopConditions) -> Any:
-    """Return the condition of a loop of the edge in words, or [condition, formula of its part] for each part."""
+    """Return a loop's condition in words, or a list of [condition, formula] of its parts, None for the rest."""
     if not isinstance(conditions, ByPosition):
         return _condition(conditions)
     places = [None if part.where is None else getattr(part.where, "text", "of position") for part in conditions.parts]
