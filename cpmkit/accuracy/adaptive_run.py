@@ -146,7 +146,7 @@ class AdaptiveRun:
         return self.last
 
     def _timed(self, purpose: Purpose, solution: SolutionRecord, seconds: float) -> TimedSolve:
-        """Return the record of a solve, with the estimates of its error from a coarser solution and from it alone.
+        """Return the record of a solve of ``seconds``, with its error from a coarser solution and from it alone.
 
         An estimate is None, its error NaN, if no coarser solution serves for a comparison, or the form has none.
         """
@@ -186,8 +186,8 @@ class AdaptiveRun:
     def shorten_steps(self) -> bool:
         """Shorten the scene's steps in time to an error of at most 0.3 of the tolerance; return whether they changed.
 
-        The error, stored in ``in_time``, is computed from the last, coarse solution, as it hardly depends on the
-        spacing.
+        The error is computed from the last, coarse solution, as it hardly depends on the spacing, and stored in
+        ``in_time``.
         """
         problem: Any = self.scene.problem
         if problem.family != "time":

@@ -195,8 +195,7 @@ def estimate_from(
     mean of these. The order p is ``order``, or if that is None the form's for differences at that ratio
     (docs/explanation/accuracy.md). With ``alone`` the result is a weighted geometric mean of this estimate and the
     estimate from the solution alone: the two are independent, and together are less often too small than either
-    (measured: docs/explanation/accuracy.md). The error of the steps in time, ``in_time``, a share of the range, is
-    added.
+    (measured there). The error of the steps in time, ``in_time``, a share of the range, is added.
     """
     differences = [difference(solution, coarse) for coarse in coarse_solutions]
     form, modes, tiny = solution.discretized, solution.has_modes, np.finfo(float).tiny

@@ -89,8 +89,8 @@ def _is_unresolved(solution: SolutionRecord) -> bool:
 def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
     """Return the error of the steps in time, as a share of the range, from a further solve with twice the step.
 
-    It hardly depends on the spacing, so a coarse solution suffices. 0 for equations without time, and if twice the
-    step exceeds the duration.
+    ``solve_at`` makes this solve. The error hardly depends on the spacing, so a coarse solution suffices. 0 for
+    equations without time, and if twice the step exceeds the duration.
     """
     problem: Any = solution.scene.problem
     if problem.family != "time" or 2 * problem.step > problem.duration:
@@ -101,7 +101,7 @@ def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
 
 
 def order_in_time(problem: Evolution) -> int:
-    """Return the order of accuracy of an equation's time stepping scheme; 1 if a function is called after each step."""
+    """Return the order of accuracy of the time stepping scheme: 1 or 2; 1 if a function is called after each step."""
     return 1 if problem.scheme in FIRST_ORDER_SCHEMES or problem.after_step is not None else 2
 
 
@@ -127,7 +127,8 @@ def measured_source_error(
 def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
     """Return the estimated error of a solution, from coarser solutions with the options of its discretisation.
 
-    Raises InputError if the solution has no lattice, or its error cannot be estimated.
+    With ``tight`` there are two coarser solutions. Raises InputError if the solution has no lattice, or its error
+    cannot be estimated; ResolutionError or CpmkitError as :func:`estimate_by_solving` does.
     """
     form = solution.discretized
     options = lattice_options(form)

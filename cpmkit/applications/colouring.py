@@ -137,7 +137,7 @@ def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
 
 
 def _read_colours(name: Path, label: str) -> Floats:
-    """Return the rows (k, 3) or (k, 4) of a .npy or .csv file; raise InputError with ``label`` if it has other data."""
+    """Return the rows (k, 3) or (k, 4) of the file ``name``, .npy or .csv; raise InputError if it is not readable."""
     file = find_file(name)
     if file.suffix.lower() == ".npy":
         return np.asarray(read_array(file, "an array of colours"), dtype=np.float64)
@@ -286,7 +286,7 @@ def diffusion_curves(
 
 
 def _boundary(name: str, pair: Any) -> ck.Boundary:
-    """Return the boundary of a curve with the conditions of its colours; raise InputError for any other ``pair``."""
+    """Return the boundary ``name`` of a ``pair`` (curve, colours) with its conditions; raise InputError for others."""
     if not isinstance(pair, (tuple, list)) or len(pair) != 2 or not isinstance(pair[0], ClosestPointSource):
         raise InputError(f"{name} must be a pair (source of a curve, its colours), got {shown(pair)}.")
     curve, colours = pair
@@ -303,5 +303,5 @@ def _boundary(name: str, pair: Any) -> ck.Boundary:
 
 
 def _condition(colours: Any, along: ArcLengthShare, label: str) -> Any:
-    """Return the condition of one side of a curve: the colours as Dirichlet data, zero flux if there are none."""
+    """Return the condition of one side of a curve: zero flux if ``colours`` is None, else Dirichlet by colour_data."""
     return ck.Neumann(0.0) if colours is None else ck.Dirichlet(colour_data(colours, along, label))

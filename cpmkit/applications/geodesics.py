@@ -128,9 +128,8 @@ class Distance(Measured):
     def path(self, start: Any) -> list[Floats]:
         """Return the shortest path (m, d) to the origins from each of the points ``start`` (k, d) or (d,), by descent.
 
-        All paths, in a list of k arrays, begin on the manifold and descend at once by the midpoint rule, in steps of
-        half a spacing. Raises ResolutionError if a point is on a piece without an origin, or a path is caught at a
-        barrier.
+        The k paths begin on the manifold and descend at once by the midpoint rule, in steps of half a spacing. Raises
+        ResolutionError if a point is on a piece without an origin, or a path is caught at a barrier.
         """
         surface, h = self.solution.scene.surface, self.solution.spacing
         start = as_points(np.atleast_2d(np.asarray(start, dtype=np.float64)), surface.dim)

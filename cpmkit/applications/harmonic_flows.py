@@ -94,7 +94,7 @@ def implicit_flow(
 
 
 def _warn_if_moving(rests: bool, most_steps: int) -> None:
-    """Issue a CpmkitWarning that names ``most_steps`` if the map is not at rest after the last step."""
+    """Issue a CpmkitWarning that names ``most_steps`` if the map does not rest (``rests``) after the last step."""
     if not rests:
         warn_each([f"The map did not come to rest within {most_steps} steps; allow more, or longer ones."])
 
@@ -184,7 +184,7 @@ def degree_and_area(
 
 
 def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
-    """Return normals (f, 3) of the triangles ``faces`` (f, 3), as long as the areas of the triangles."""
+    """Return normals (f, 3) of triangles with corners ``vertices[faces]``, as long as their areas; faces are (f, 3)."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.asarray(0.5 * np.cross(b - a, c - a))
 

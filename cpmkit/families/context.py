@@ -199,7 +199,7 @@ class PreparedSystem:
 
 
 def with_border(form: Discretized, stiffness: Stiffness) -> Operator:
-    """Return the operator A, with a border if on a piece of the manifold no condition or term determines a constant."""
+    """Return ``stiffness``, with a border if on a piece of the manifold no condition or term determines a constant."""
     free = form.free_constants(stiffness)
     return stiffness if free is None else Bordered(stiffness, free)
 

@@ -195,8 +195,7 @@ def _solve_as_complex_system(context: SolveContext, stiffness: Stiffness, c: flo
     """Solve ``K u - M v = r`` and ``c M u + K v = q`` for c > 0; return u, v, the report and no imbalances ().
 
     ``stiffness`` is K; r, q, u, v are (n, channels). M is the mass matrix of equations in time, since for large c the
-    consistent mass matrix leaves some unknowns undetermined. Raises ConvergenceError if the solver does not reach the
-    tolerance.
+    consistent mass matrix leaves some unknowns undetermined. Raises ConvergenceError if the solve fails.
     """
     s, mass = float(np.sqrt(c)), context.discretized.mass_in_time
     system = context.cache.get(("complex", s), context.prepare_system, ComplexShift(stiffness, s, mass))
@@ -244,7 +243,7 @@ def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v:
 
 
 def _combined_report(first: SolveReport, second: SolveReport) -> SolveReport:
-    """Return the report of two successive solves: counts added, all else from the solve with the larger residual."""
+    """Return the report of the solves ``first`` and ``second``: counts added, all else from that with more residual."""
     worse = max(first, second, key=lambda report: report.residual)
     return replace(
         worse,

@@ -51,7 +51,7 @@ class Steps:
         return replace(self.terms, diffusivity=StateDependentCoefficient(self.law.at, u, scale))
 
     def _scale_at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
-        """Return the penalty scale (k,) at each of k points; the arguments are those of a diffusivity that varies."""
+        """Return the penalty scale (k,) at k points; u (k,) gives k, and ``slopes`` and ``points`` are not used."""
         del slopes, points
         assert self.penalty_scale is not None
         return np.full(len(u), self.penalty_scale)

@@ -179,8 +179,7 @@ class PreparedDirect:
     ) -> tuple[Floats, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report; a large residual is reduced by one step of refinement.
 
-        ``guess`` is not used. Raises ConvergenceError if the relative residual is above the tolerance and what rounding
-        leaves.
+        ``guess`` is not used. Raises ConvergenceError if the residual is above the tolerance and what rounding leaves.
         """
         del guess
         progress("solve", 0.0)

@@ -107,7 +107,7 @@ class KrylovSolver(ABC):
 
 
 def indefinite_error(solver: str, error: IndefiniteError, iterations: int, tolerance: float) -> ConvergenceError:
-    """Return the ConvergenceError, with a report, of a solve whose system proved indefinite after ``iterations``."""
+    """Return the ConvergenceError, with a report, of a solve that ``error`` ended after ``iterations``."""
     report = SolveReport(solver, False, iterations, 0, np.inf, tolerance, str(error))
     return ConvergenceError(
         f"The system is indefinite, and solver {solver!r} stopped after {iterations} iterations: {error}; use "
@@ -236,7 +236,7 @@ class PreparedReference(KrylovSolver):
     stalled_rounds = 8  # after a breakdown an iteration from the true residual may go on
 
     def correct(self, residual: Floats, target: Floats, most: int, progress: Progress) -> tuple[Floats, int, int]:
-        """Return x (n, k) with ``A x = residual``, the iterations and products, as :meth:`KrylovSolver.correct`.
+        """Return x (n, k) with ``A x = residual``, the iterations and products; see :meth:`KrylovSolver.correct`.
 
         The iteration also ends when a channel breaks down or is not finite; ``residual`` is overwritten.
         """

@@ -44,7 +44,7 @@ class PreconditionedCG(KrylovSolver):
         return UnsignedCsr.of(matrix) if uses_threads(matrix.nnz) else SymmetricCsr.of(matrix)
 
     def correct(self, residual: Floats, target: Floats, most: int, progress: Progress) -> tuple[Floats, int, int]:
-        """Return x (n, k) with ``A x = residual``, the iterations and products, as :meth:`KrylovSolver.correct`."""
+        """Return x (n, k) with ``A x = residual``, the iterations and products; see :meth:`KrylovSolver.correct`."""
         bordered, compatible, excess = as_bordered(self.operator), residual, np.zeros(0)
         if bordered is not None:
             compatible, excess = bordered.border.balance(residual)
@@ -75,7 +75,7 @@ class PreconditionedGMRES(KrylovSolver):
     round_iterations = 60  # a vector is stored for each
 
     def correct(self, residual: Any, target: Floats, most: int, progress: Progress) -> tuple[Any, int, int]:
-        """Return x (n, k) with ``A x = residual``, the iterations and products, as :meth:`KrylovSolver.correct`."""
+        """Return x (n, k) with ``A x = residual``, the iterations and products; see :meth:`KrylovSolver.correct`."""
         step, taken = gmres(self.operator.apply, self._precondition, residual, target, most, progress)
         return step, taken, taken * (1 + self.preconditioner.products) * residual.shape[1]
 

@@ -63,8 +63,7 @@ class PreparedSolver(Protocol):
     ) -> tuple[Floats, SolveReport]:
         """Return u (n, channels) with A u = b, and a report; iterations start from ``guess``, zero if None.
 
-        Raises ConvergenceError if the relative residual, recomputed after the solve, is above ``tolerance`` and what
-        rounding leaves.
+        Raises ConvergenceError if the relative residual, recomputed, is above ``tolerance`` and what rounding leaves.
         """
 
 

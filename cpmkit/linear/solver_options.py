@@ -49,7 +49,7 @@ def choose_solver(
 
 
 def _check_tolerance(tolerance: Any, label: str) -> float | None:
-    """Return ``solver_tolerance`` as a float, or None; raise InputError unless it is above 0 and below 1."""
+    """Return a tolerance as a float, or None; raise InputError with ``label`` unless it is above 0 and below 1."""
     if tolerance is None:
         return None
     value = positive(tolerance, label)
@@ -73,8 +73,8 @@ def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
 def make_step_solver(options: SolverOptions, chosen: str) -> LinearSolver:
     """Return the solver of the systems M + factor A of time steps; ``chosen`` names the solver of other systems.
 
-    If the option ``solver`` is ``auto``, multigrid is replaced by conjugate gradients with the diagonal where M
-    dominates; reports name it. Raises SceneError or PluginError as :func:`make_solver` does.
+    If ``options.solver`` is ``auto``, multigrid is replaced by conjugate gradients with the diagonal where M dominates;
+    reports name it. Raises SceneError or PluginError as :func:`make_solver` does.
     """
     solver = make_solver(chosen, options.further)
     return JacobiOrMultigrid(solver) if options.solver == "auto" and isinstance(solver, MultigridSolver) else solver

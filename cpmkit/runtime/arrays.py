@@ -19,8 +19,7 @@ LARGEST_LENGTH = 1e50
 def as_points(x: Any, dim: int, label: str = "points") -> Floats:
     """Return ``x`` as a C-contiguous (n, dim) float64 array of finite numbers, which may share the memory of ``x``.
 
-    ``label`` names the data in messages. Raises InputError if the shape is not (n, dim), or an entry is not a finite
-    number.
+    ``label`` names the data in messages. Raises InputError if the shape is not (n, dim), or an entry is not finite.
     """
     points = np.ascontiguousarray(_as_floats(x, f"{label} must be numbers of shape (n, {dim})"))
     if points.ndim != 2 or points.shape[1] != dim:
@@ -36,8 +35,7 @@ def as_points(x: Any, dim: int, label: str = "points") -> Floats:
 def as_positions(x: Any, dim: int, label: str = "points") -> Floats:
     """Return ``x`` as a (n, dim) float64 array of points whose size permits computing areas and volumes.
 
-    ``label`` names the points in messages. Raises InputError if ``x`` is not (n, dim) finite numbers, or fails
-    :func:`check_size`.
+    ``label`` is for messages. Raises InputError if ``x`` is not (n, dim) finite numbers, or fails :func:`check_size`.
     """
     points = as_points(x, dim, label)
     check_size(points, label)
@@ -121,7 +119,7 @@ def positive(x: Any, label: str) -> float:
 
 
 def _as_float(x: Any) -> float:
-    """Return a real number, or an array () of one, as a float; infinity if it is too large, NaN for anything else."""
+    """Return ``x``, a real number or an array () of one, as a float: infinity if too large, NaN for anything else."""
     if isinstance(x, np.ndarray) and x.ndim == 0:
         x = x[()]
     if isinstance(x, bool) or not isinstance(x, (int, float, np.integer, np.floating)):
@@ -147,8 +145,7 @@ def whole(x: Any, label: str, least: int = 0, most: int | None = None) -> int:
 def one_row_each(values: Any, count: int, label: str) -> Floats:
     """Return ``values`` (count, ...), data of a source, as float64.
 
-    ``label`` names the ``count`` vertices or samples in the message. Raises InputError if the number of rows is not
-    ``count``.
+    ``label`` names the vertices or samples in the message. Raises InputError if there are not ``count`` rows.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or len(array) != count:

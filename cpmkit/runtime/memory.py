@@ -157,7 +157,7 @@ def peak_growth_bytes(before: int | None) -> int | None:
 
 
 def state_without_cached(instance: object) -> dict[str, Any]:
-    """Return the attributes of an object to pickle: all but its cached properties, such as factors of a matrix."""
+    """Return the attributes of ``instance`` to pickle, by name: all but its cached properties, such as factors."""
     kind = type(instance)
     return {
         name: value

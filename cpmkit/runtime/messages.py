@@ -60,7 +60,10 @@ def install_command(extra: str) -> str:
 
 
 def warn_each(sentences: Iterable[str], stacklevel: int = 2) -> None:
-    """Issue each different sentence as a CpmkitWarning, attributed to the frame ``stacklevel`` frames above."""
+    """Issue each different one of ``sentences`` as a CpmkitWarning of the frame ``stacklevel`` frames above.
+
+    A ``stacklevel`` of 1 is the caller of this function.
+    """
     for sentence in dict.fromkeys(sentences):
         warnings.warn(printable(sentence), CpmkitWarning, stacklevel=stacklevel + 1)
 

@@ -61,7 +61,7 @@ class DeclaredOptions:
 
 
 def declared_options(kind: type[DeclaredOptions]) -> dict[str, Option]:
-    """Return the options that a class declares, by name."""
+    """Return the options that the class ``kind`` declares, by name."""
     return {member.name: member.metadata[OPTION_KEY] for member in fields(kind) if OPTION_KEY in member.metadata}
 
 

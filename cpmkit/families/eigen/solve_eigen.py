@@ -156,7 +156,7 @@ def _residuals(iteration: InverseIteration, values: Any, vectors: Any) -> Floats
 
 
 def _mean_squares(iteration: InverseIteration, vectors: Any) -> Floats:
-    """Return the mean square (k,) over the manifold of each complex function (n, k)."""
+    """Return the mean square (k,) over the manifold of each of k complex functions ``vectors`` (n, k)."""
     form = iteration.context.discretized
     return np.asarray(sum(np.diag(form.inner(part, part)) for part in (vectors.real, vectors.imag)))
 

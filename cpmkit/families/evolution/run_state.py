@@ -108,7 +108,7 @@ class RunState:
 
 
 def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:
-    """Return ``moment`` with u changed by the user's function ``after_step``; itself if there is none or no change."""
+    """Return ``moment`` with u changed by ``evolution.after_step``; itself if there is no such function or change."""
     if evolution.after_step is None:
         return moment
     values = form.at_points(moment.u)

@@ -58,7 +58,8 @@ def _heat_drift(plan: RunPlan, history: History) -> list[str]:
 def wave_energy(problem: SemiDiscrete, moment: Moment) -> Floats | None:
     """Return the energy (channels,) of a wave, ``v'Mv/2 + u'Au/2 - u'b``, with the forcing as a potential.
 
-    It is conserved if b does not depend on the time. None for equations other than waves, and if A is not symmetric.
+    u and v are those of ``moment``. It is conserved if b does not depend on the time. None for equations other than
+    waves, and if A is not symmetric.
     """
     if moment.rate is None or not problem.stiffness.symmetric:
         return None
@@ -227,7 +228,7 @@ def _mean_frequency(problem: SemiDiscrete, history: History) -> float:
 
 
 def _missed_rest(plan: RunPlan, history: History) -> list[str]:
-    """Return a warning in a list if a run that should have come to rest did not; else []."""
+    """Return a warning in a list if u changes faster in the last step than the rate ``rest`` of the run; else []."""
     evolution = plan.evolution
     rate = rate_of_change(plan.problem.form, plan.start, history)
     if evolution.rest is None or rate < evolution.rest:

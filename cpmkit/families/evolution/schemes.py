@@ -41,7 +41,7 @@ Scheme = Callable[[SemiDiscrete, ShiftedSolver, History, Step], Moment]
 
 
 def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of ``step`` by backward Euler, from the last moment of ``history``."""
+    """Return the moment at the end of ``step`` by backward Euler, from the last of the moments ``history``."""
     h = step.length
     right_side = problem.times_mass(history[-1].u) + h * problem.forcing(step.end)
     if problem.reaction is not None:
@@ -66,7 +66,7 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
 
 
 def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of ``step`` by Crank-Nicolson, from the last moment of ``history``."""
+    """Return the moment at the end of ``step`` by Crank-Nicolson, from the last of the moments ``history``."""
     half, u = 0.5 * step.length, history[-1].u
     solver.tally.operator_applications += u.shape[1]
     right_side = problem.times_mass(u) + half * (problem.rate(u, step.start) + problem.forcing(step.end))
@@ -74,9 +74,10 @@ def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
 
 
 def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of a step of Crank-Nicolson; the first step is two half steps of backward Euler.
+    """Return the moment at the end of ``step`` by Crank-Nicolson, or if it is the first by two half steps.
 
-    The half steps have the same matrix as the step of Crank-Nicolson.
+    The half steps are of backward Euler, and have the same matrix as the step of Crank-Nicolson. ``history`` has the
+    moments so far.
     """
     if len(history) > 1:
         return crank_nicolson(problem, solver, history, step)
@@ -84,7 +85,7 @@ def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history:
 
 
 def half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of ``step``, made as two half steps of backward Euler."""
+    """Return the moment at the end of ``step``, by two half steps of backward Euler from the last of ``history``."""
     half, middle = 0.5 * step.length, 0.5 * (step.start + step.end)
     first = backward_euler(problem, solver, history, Step(step.start, middle, half, False))
     second = backward_euler(problem, solver, [*history, first], Step(middle, step.end, half, False))
@@ -114,7 +115,7 @@ def bdf2_start(now: Floats, before: Floats, ratio: float) -> Floats:
 
 
 def extrapolate(history: History, length: float) -> Floats:
-    """Return the polynomial through u at all moments, extrapolated by ``length`` (n, channels), as an initial guess."""
+    """Return the polynomial through u of all moments ``history``, extrapolated by ``length``: (n, channels)."""
     times = -np.cumsum([0.0, *(moment.length for moment in history[:0:-1])])
     values = np.zeros_like(history[-1].u)
     for k, moment in enumerate(reversed(history)):
@@ -124,7 +125,7 @@ def extrapolate(history: History, length: float) -> Floats:
 
 
 def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return a wave's moment, u and rate, at the end of ``step`` by Newmark's average acceleration."""
+    """Return a wave's moment, u and rate, at the end of ``step`` by Newmark's method from the last of ``history``."""
     now, h = history[-1], step.length
     assert now.rate is not None
     solver.tally.operator_applications += now.u.shape[1]
@@ -135,9 +136,10 @@ def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step
 
 
 def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of ``step`` by leapfrog, damped from the second step on; the solver only counts.
+    """Return a wave's moment at the end of ``step`` by leapfrog, damped from the second step on.
 
-    First the rate is advanced, over half of the last step and half of this one, then the values.
+    From the last moment of ``history`` the rate is advanced, over half of the last step and half of this one, then the
+    values. The ``solver`` only counts products.
     """
     now = history[-1]
     assert now.rate is not None

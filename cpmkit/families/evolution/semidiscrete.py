@@ -131,7 +131,7 @@ class SolveTally:
     solver: str = ""  #: Name of the solver of the last step; empty before the first step.
 
     def add(self, other: SolveReport | SolveTally) -> None:
-        """Add in place the counts of one solve, or of an earlier part of the run; keep the larger residual."""
+        """Add in place the counts of ``other``, a solve or an earlier part of the run; keep the larger residual."""
         self.iterations += other.iterations
         self.operator_applications += other.operator_applications
         self.residual = max(self.residual, other.residual)
