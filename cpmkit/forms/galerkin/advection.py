@@ -62,7 +62,9 @@ def advection_forms(
 ) -> None:
     """Fill ``forms`` (3 room,) with N, D = v . grad N and R = -a Lap N - g . grad N + c N of each spline N at a sample.
 
-    ``t`` (3,) is its place in the cell; v and g = grad a are (3,), ``normals`` (codim, d); room is a padded length.
+    ``t`` (3,) is its place in the cell; v and g = grad a are (3,), ``normals`` (codim, d), ``a`` and ``c`` the
+    diffusivity and the factor of u; room is the `row_length` of ``splines``. ``kind`` is 0 in the plane and 1 in space;
+    ``spacing`` is h.
     """
     room = row_length(splines)
     codim, d = normals.shape
@@ -118,12 +120,11 @@ def add_advection(
 
     ``unknowns``, ``order``, ``start`` (p, width), (q,) and (p + 1,) integers: the unknowns of each patch, and its
         samples ``order[start[p]:start[p + 1]]``.
-    ``places``, ``directions`` (q, d), (q, c, e): places and normals of the samples as of `QuantisedSamples`.
-    ``velocity`` (q, d): the velocity v at the samples, tangential.
-    ``upstream`` (q,): the upwinding time tau at the samples.
+    ``spacing``, ``splines``: h, and the tuple of the degree in `SPLINES`.
+    ``places``, ``weights``, ``directions`` (q, d), (q,), (q, c, e): those of `QuantisedSamples`.
+    ``velocity``, ``upstream`` (q, d), (q,): the tangential velocity v and the upwinding time tau at the samples.
     ``a``, ``c`` (q,) or (1,): the diffusivity, and the factor of u.
     ``gradient_of_a`` (q, d) or (0, d): the gradient of the diffusivity, tangential; none where it is constant.
-    ``convective``, ``conservative``: factors of the advection.
     ``matrix`` (indptr, indices, data): a matrix in CSR format, with the sparsity pattern of the space.
     """
     indptr, indices, data = matrix
@@ -216,7 +217,7 @@ def _add_terms(
     gradient_of_a: Floats | None = None,
     c: Floats | None = None,
 ) -> None:
-    """Add the terms of :func:`add_advection` to the entries ``data``; coefficients that are None are zero.
+    """Add the terms of :func:`add_advection` to the entries ``data`` (z,); coefficients that are None are zero.
 
     ``advection`` are the factors of the convective and the conservative terms.
     """
@@ -252,7 +253,7 @@ def upstream_times(speed: Floats, a: Floats, spacing: float) -> Floats:
 def tangential_velocity(velocity: VectorField, points: Floats, normals: Floats, lattice: Lattice) -> Floats:
     """Return the tangential part (k, d) of a velocity at ``points`` (k, d) with ``normals`` (k, c, d).
 
-    Raises InputError if the velocity does not have d components.
+    Points are relative to the lattice's origin. Raises InputError if the velocity does not have d components.
     """
     v = evaluate_data(velocity, lattice.to_scene(points), None, "the velocity")
     if v.shape[1] != points.shape[1]:

@@ -37,7 +37,7 @@ class SampleCoefficients(PointReader):
     # Data
 
     def at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return ``data`` (p, channels) at the samples of the manifold, each on the side on which its cell lies."""
+        """Return ``data`` (p, channels) at the samples, each on its cell's side; parameters as of `evaluate_data`."""
         return evaluate_data(data, self._reading_points(data), channels, label, time)
 
     def _reading_points(self, data: Any) -> Floats:
@@ -63,16 +63,13 @@ class SampleCoefficients(PointReader):
         return _samples_past_boundary(self.sampled, self.locator.sides)
 
     def at_all_samples(self, data: Any, label: str) -> Floats:
-        """Return a coefficient (q,) at all samples, or (1,) if ``data`` are a number."""
+        """Return a coefficient (q,) at all samples, or (1,) if ``data`` are a number; errors call it ``label``."""
         if not callable(data) and np.ndim(data) == 0:
             return evaluate_data(data, np.zeros((1, self.sampled.lattice.dim)), 1, label)[:, 0]
         return self.append_boundary_samples(self.at_points(data, label)[:, 0])
 
     def append_boundary_samples(self, values: Floats) -> Floats:
-        """Return ``values`` (p, ...) at the samples of the manifold extended to all samples, (q, ...).
-
-        A sample on a boundary has the value of the first sample of its cell.
-        """
+        """Return ``values`` (p, ...) at samples and, at boundary samples, at the first of their cell, as (q, ...)."""
         samples = self.sampled.samples
         first = np.searchsorted(samples.cell[: self.sampled.interior], self.sampled.boundary.cell)
         return np.concatenate([values, values[first]])
@@ -150,7 +147,7 @@ class SampleCoefficients(PointReader):
         return Advection(self.space.splines, v, upstream, a, c, gradient_of_a, terms.conservative)
 
     def _projected_gradients(self, values: Floats) -> Floats:
-        """Return the tangential gradients (p, k, d) at the samples of the splines nearest to ``values`` (p, k)."""
+        """Return tangential gradients (p, k, d) at the samples of the L2 projections of ``values`` (p, k)."""
         return self.space.spline_gradients_at_samples(self.space.project(values))
 
 
@@ -213,7 +210,8 @@ def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Int
 def _samples_near_chords(sampled: SampledScene, half_facets: Ints, left: Bools) -> tuple[Ints, Ints]:
     """Return the samples (k,) near the chord of a half facet of their cell, and their side (k,) of the boundary.
 
-    ``half_facets`` are the numbers of the half facets; a side is 1 for a half facet on the ``left`` (n,), else -1.
+    ``half_facets`` (j,) are the numbers of the half facets; a side is 1 if ``left`` (n,), by half facet, is true, else
+    -1.
     """
     half, mesh = sampled.half, sampled.mesh
     samples: Any = sampled.samples  # quantised by now

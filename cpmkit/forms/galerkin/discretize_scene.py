@@ -85,7 +85,7 @@ def refine_adaptively(
 
     The scene is solved, patches with large residuals are marked, and those are subdivided, up to `MOST_PASSES` times.
     This ends earlier if refinement is expected to save too few unknowns after the first solve, if most of the marked
-    residual is on the finest level, or if too many patches are marked.
+    residual is on the finest level, or if too many patches are marked. ``progress`` receives the share that is done.
     """
     regions, most = Regions(options.spacing, scene.surface.dim), options.own.refine_levels
     progress("refinement", 0.0)
@@ -200,9 +200,9 @@ def mark_patches(squares: Floats) -> Bools:
 def expected_gain(form: Galerkin, squares: Floats) -> float:
     """Return the factor by which patches of adapted sizes are expected to reduce the unknowns at the same error.
 
-    With ``squares`` e_p of patches of areas w_p at size h that fall like h^(2 k), k = 3, and unknowns like h^-2, the
-    fewest unknowns for one sum of squares are those at h_p^2 in proportion to (w_p / e_p)^(1 / (k + 1)): the gain is
-    ``(sum w)(sum e)^(1/k) / (sum w^(k/(k+1)) e^(1/(k+1)))^((k+1)/k)``.
+    With ``squares`` (p,) e_p of patches of areas w_p at size h that fall like h^(2 k), k = 3, and unknowns like h^-2,
+    the fewest unknowns for a given sum of squares are those at h_p^2 in proportion to (w_p / e_p)^(1 / (k + 1)): the
+    gain is ``(sum w)(sum e)^(1/k) / (sum w^(k/(k+1)) e^(1/(k+1)))^((k+1)/k)``, or 1 where all squares are zero.
     """
     dof_map, k = form.space.dof_map, ORDER
     area = np.bincount(dof_map.patch, form.sampled.samples.weights, minlength=len(dof_map.cells))

@@ -45,7 +45,8 @@ class EquationAssembly:
     def stiffness(self, terms: Terms) -> GalerkinOperator:
         """Return A: the energy of the diffusivity, stabilised, c u v, the advection, and the terms of the conditions.
 
-        Raises InputError if it is not positive (definite on tangents), SceneError if a conductivity contradicts it.
+        Raises InputError if the diffusivity is not positive (definite on tangents), SceneError if a conductivity
+        differs.
         """
         space, coefficients = self.coefficients.space, self.coefficients
         a = coefficients.diffusivity(terms.diffusivity)
@@ -140,7 +141,7 @@ class EquationAssembly:
         return space.extend_conditions(made)
 
     def terms_with_scene_data(self, stiffness: Stiffness) -> ConditionTerms:
-        """Return the condition terms of an operator, which may be made for another scene, with this scene's data."""
+        """Return the condition terms of an operator, perhaps of another scene, with this scene's data; cached."""
         cache = self._terms_by_operator
         assert isinstance(stiffness, GalerkinOperator)
         if stiffness not in cache:
@@ -156,7 +157,7 @@ class EquationAssembly:
         return WeakKeyDictionary()
 
     def terms_of_solution(self, u: Floats) -> ConditionTerms:
-        """Return the condition terms with the diffusivity of the scene's equation at its solution ``u``."""
+        """Return the condition terms with the diffusivity of the scene's equation at its solution ``u`` (n, 1)."""
         terms = self.scene.problem.terms()
         if isinstance(terms.diffusivity, StateDiffusivity):
             state = StateDependentCoefficient(terms.diffusivity.at, u)
@@ -172,8 +173,10 @@ class EquationAssembly:
     def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
         """Return the integrals (channels,) of du/db over a side of a boundary, a loop of the rim or the whole rim.
 
-        They follow from the residual of the weak form; None for rims without samples. Where the diffusivity A is a
-        tensor, du/db stands for the derivative along A b / (b . A b), b the conormal.
+        ``boundary`` is a name, or the number of a loop; any other name means the rim. They follow from the residual of
+        the weak form with data at ``time``; None if the eigenvalue is a factor of the flux, and for rims without
+        samples, unless A is a tensor: then 0. For a tensor A, du/db is the derivative along A b / (b . A b), b the
+        conormal.
         """
         sampled, samples = self.coefficients.sampled, self.coefficients.sampled.boundary
         names = [boundary.name for boundary in self.coefficients.boundaries]
@@ -195,7 +198,7 @@ class EquationAssembly:
     # Loads
 
     def load_with_upwinding(self, f: Data, time: float | None) -> Floats:
-        """Return the integrals (n, channels) of f times each function, plus the upwinding where there is a velocity."""
+        """Return the integrals (n, channels) of f at ``time`` times each function, plus upwinding for a velocity."""
         values = self.coefficients.at_points(f, "the right-hand side f", time, self.scene.channels)
         loads = self.coefficients.space.load(values)
         if self.scene_advection is not None:

@@ -51,9 +51,9 @@ def difference_order(
     """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error, at a ``ratio`` r of spacings.
 
     At r = 2 the divisor r^p - 1 is, on smooth sources, 1.1 to 2.8 with ``degree`` 1, 2.7 to 7 with degree 2 (5.4 to 14
-    for ``eigenvalues``), and 5.4 to 14 with degree 3: the less, the larger the ``difference`` and the spacing of
-    ``coarser`` are. It is at most 2.5 on meshes, and less where errors fall slowly. The parameters are those of
-    :meth:`cpmkit.forms.contract.Discretized.diagnosis`; resolutions stand for forms.
+    for ``eigenvalues``), and 5.4 to 14 with degree 3: the less, the larger the root mean square ``difference``, as a
+    share of the range, and the spacing of ``coarser``, None if unknown, are. It is at most 2.5 on meshes, and less
+    where errors fall slowly.
     """
     # at orders 3 and 4 differences are 7 and 15 times the error; of eigenvalues, at order 4, 13 to 17 times (measured)
     smooth = {1: 2.4, 2: 12.0 if eigenvalues else 6.0, 3: 12.0}[degree]
@@ -100,13 +100,13 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
 
 
 def dispersion_of(degree: int, geometry: CellGeometry) -> Dispersion:
-    """Return the dispersion of splines of a degree on cells of a ``geometry``.
+    """Return the dispersion of splines of a ``degree`` 1 to 3 on cells of a ``geometry``, by measured eigenvalues.
 
     Of quadratic splines (3.5 nodes a wavelength and 2.9) the first 144 eigenvalues of a sphere at h = .2 and .25 have
-    errors of .0007 to .0018 (k h)^4; of linear splines .031 to .041 (k h)^2; of cubic ones .0005 to .001 (k h)^4 beyond
-    the first few, which are affected by the curvature of the sphere at spacings as coarse as these. On cells that
-    follow a smooth source the first eigenvalues of the circle at h = .05 and of the sphere at .2 have .5 to 1.5 times
-    these errors; with the square of h / radius the predicted errors would be a hundred times as large.
+    errors of .0007 to .0018 (k h)^4; of linear splines .031 to .041 (k h)^2; of cubic splines .0005 to .001 (k h)^4
+    beyond the first few, which the curvature of the sphere affects at spacings as coarse as these. On cells that follow
+    a smooth source the first eigenvalues of the circle at h = .05 and of the sphere at .2 have .5 to 1.5 times these
+    errors; with the square of h / radius the predicted errors would be a hundred times as large.
     """
     resolved, coarsest, power, waves = {
         1: (0.55, 0.75, 2, 0.035),
@@ -142,9 +142,9 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
 
 
 def _rough_ratios(smooth: tuple[float, float], *areas: tuple[float, tuple[float, float]]) -> tuple[float, float]:
-    """Return ratios between the ``smooth`` ratios and `ROUGH`, for shares of the area with their limits.
+    """Return ratios between the ``smooth`` ratios and `ROUGH`, for shares of the area with their two limits.
 
-    Below the first limit of each share they are the smooth ones, above the second of any `ROUGH`; between the limits
+    Below the first limit of each share they are the smooth ratios, above the second of any `ROUGH`; between the limits
     they are interpolated in the logarithm of the share.
     """
     rough = max(float(np.interp(math.log(max(area, limits[0])), np.log(limits), [0, 1])) for area, limits in areas)
@@ -155,8 +155,9 @@ def _rough_ratios(smooth: tuple[float, float], *areas: tuple[float, tuple[float,
 def highest_differences(dof_map: DofMap, u: Floats) -> Floats:
     """Return (k, channels) the differences of order degree + 1 of coefficients along axes, over adjacent patches.
 
-    Two patches that touch are adjacent along an axis if their lattice cells are neighbours along it and they read the
-    same unknowns at their common nodes. Each pair gives width^(d - 1) lines of width + 1 coefficients.
+    ``u`` (n, channels) are the coefficients. Two patches that touch are adjacent along an axis if their lattice cells
+    are neighbours along it and they read the same unknowns at their common nodes. Each pair gives width^(d - 1) lines
+    of width + 1 coefficients.
     """
     width, d = dof_map.width, dof_map.dim
     signs = [(-1.0) ** (width - place) * math.comb(width, place) for place in range(width + 1)]
@@ -197,7 +198,8 @@ def support_floor(surface: LocalSource, area: float, difference: float | None) -
 def _areas_by_support(surface: LocalSource) -> Floats | None:
     """Return the areas (3,) of a source's triangles: of all, of those with an unsupported edge, with a doubtful edge.
 
-    None for a source without a mesh that is the same at any spacing, or whose mesh was not made yet.
+    The doubtful include the unsupported. None for a source without a mesh that is the same at any spacing, or whose
+    mesh was not made yet.
     """
     cache, support = mesh_cache_of(surface), own_edge_support(surface)
     if cache is None or support is None:

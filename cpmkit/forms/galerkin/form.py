@@ -97,7 +97,7 @@ class Galerkin(EquationAssembly, Discretized):
         )
 
     def check(self, solver: str) -> None:
-        """Raise ResolutionError if factors of ``solver`` do not fit into memory; make the warnings before."""
+        """Raise ResolutionError if factors of ``solver`` do not fit into memory; else compute the warnings, cached."""
         cost = SolveMemory(self.scene, self.options)
         if cost.factorised_part(solver):  # the memory of other solvers was checked before the tables were made
             cost.check_fits(self.size, solver)
@@ -107,7 +107,8 @@ class Galerkin(EquationAssembly, Discretized):
     def with_scene(self, scene: Scene) -> Galerkin:
         """Return the form on the same space for a scene that differs in its equation and its data only.
 
-        Raises SceneError if the form cannot solve it, or if its velocity needs samples on rims that were not made.
+        Raises SceneError if the form cannot solve it, or if its velocity needs samples on rims that were not made; the
+        errors of its conditions are those of :func:`imposed_conditions`.
         """
         check(scene, self.options)
         sampled = self.sampled
@@ -144,13 +145,13 @@ class Galerkin(EquationAssembly, Discretized):
         return None if matrix is None else CsrOperator(matrix, symmetric=True)
 
     def levels(self, operator: Operator) -> Sequence[Level]:
-        """Return the multigrid levels of ``operator``: of refined splines, then of lattices of 2, 4, ... times h."""
+        """Return multigrid levels of ``operator``: refined splines, then lattices of 2h, 4h, ... that resolve waves."""
         inner, plain = operator.operator if isinstance(operator, Bordered) else operator, self.space.plain_levels
         usable = inner.usable_levels(plain, self.spacing) if isinstance(inner, GalerkinOperator) else plain
         return [*self.space.refined_levels, *usable]
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return the load (n, channels) of ``f``: integrals times each function, upwinded if there is a velocity."""
+        """Return the load (n, channels) of ``f`` at ``time``: integrals with each function, and upwinding."""
         return f.loads(self, time) if isinstance(f, Functional) else self.load_with_upwinding(f, time)
 
     def gradient_load(self, values: Floats) -> Floats:
@@ -172,7 +173,7 @@ class Galerkin(EquationAssembly, Discretized):
         return self.condition_terms(Terms()).state_fluxes
 
     def linearise(self, seen: Sequence[Floats]) -> Galerkin:
-        """Return the form with each flux that depends on u linearised at values ``seen``, (k,) for each, of u."""
+        """Return the form with each flux of :attr:`state_fluxes` linearised at its values (k,) of u in ``seen``."""
         terms = self.condition_terms(Terms()).linearise(seen)
         return replace(self, conditions=terms.conditions)
 
@@ -189,7 +190,7 @@ class Galerkin(EquationAssembly, Discretized):
         return self.sampled.samples.weights[: self.sampled.interior]
 
     def some_points(self, count: int) -> tuple[Ints, Floats]:
-        """Return the numbers (k,) and positions (k, d) of about ``count`` samples, evenly spread over all."""
+        """Return the numbers (k,) and positions (k, d) of at most ``count`` samples, evenly spread over all."""
         rows = spread_rows(self.sampled.interior, count)
         return rows, self.sampled.lattice.to_scene(self.sampled.samples.points_at(rows))
 
@@ -200,7 +201,8 @@ class Galerkin(EquationAssembly, Discretized):
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
         """Return the unknowns (n, channels) of the functions nearest to ``values`` (p, channels) in mean square.
 
-        ``start`` (n, channels) are the unknowns of a first approximation: the projection of the rest is added to them.
+        ``start`` (n, channels) are the unknowns of a first approximation, to which the projection of the rest is added;
+        ``time`` is unused.
         """
         del time  # no unknown represents data of a condition
         return (
@@ -208,7 +210,7 @@ class Galerkin(EquationAssembly, Discretized):
         )
 
     def data_at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return ``data`` at the samples, (p, channels), each on the side of boundaries on which its cell lies."""
+        """Return ``data`` (p, channels) at the samples, each on its cell's side; parameters as of `evaluate_data`."""
         return self.coefficients.at_points(data, label, time, channels)
 
     def interpolate(
@@ -216,9 +218,10 @@ class Galerkin(EquationAssembly, Discretized):
     ) -> Floats:
         """Return the unknowns (n, channels) of the L2 projections of ``data``, or with ``in_range`` without overshoots.
 
-        The nearest splines overshoot by a tenth of a jump on both sides, and below zero beside a spike. With
-        ``in_range`` the coefficients of channels with spikes or jumps are therefore the means of the data under each
-        spline, which keep the range and the total, and spread the data as heat spreads in a time of h^2 / 4.
+        The projections overshoot by a tenth of a jump on both sides, and below zero beside a spike. With ``in_range``
+        the coefficients of channels with spikes or jumps are therefore the means of the data under each spline, which
+        keep the range and the total, and spread the data as heat spreads in a time of h^2 / 4. Data are those at
+        ``time``, called ``label`` in errors; ``step`` is unused.
         """
         values = self.data_at_points(data, label, time, self.scene.channels)
         loads = self.space.load(values)
@@ -237,11 +240,11 @@ class Galerkin(EquationAssembly, Discretized):
         return np.asarray(u.T @ self.mass.apply(v) / self.sampled.samples.weights.sum())
 
     def rows(self, points: Any, side: Sides = None) -> csr_array:
-        """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d)."""
+        """Return the matrix (k, n) that evaluates u on ``side`` at the points of the manifold nearest to ``points``."""
         return self.coefficients.rows(points, side)
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the tangential gradient (k, channels, d) at points after L2 projection, or at samples without it."""
+        """Return the tangential gradient (k, channels, d) at points, L2 projected; for None at samples, unprojected."""
         if points is None:
             return self.space.gradients_at_samples(u)
         return self.coefficients.gradient(u, points, side)
@@ -249,7 +252,7 @@ class Galerkin(EquationAssembly, Discretized):
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
-        """Return du/db (k, channels), b outwards, at points of a boundary's side or of the manifold's edge."""
+        """Return du/db (k, channels), b outwards, at points of a boundary's side; for None of the manifold's edge."""
         return self.coefficients.conormal_derivative(u, points, boundary, side, self.scene)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
@@ -293,7 +296,7 @@ class Galerkin(EquationAssembly, Discretized):
     ) -> Diagnosis:
         """Return the order by which a difference estimates the error, why it may fall slowly, and the unresolved share.
 
-        See :func:`~cpmkit.forms.galerkin.error_indicators.difference_order`.
+        The parameters are those of :meth:`cpmkit.forms.contract.Discretized.diagnosis`.
         """
         other, degree = coarser.resolution if isinstance(coarser, Galerkin) else None, self.options.own.degree
         return Diagnosis(
@@ -303,12 +306,12 @@ class Galerkin(EquationAssembly, Discretized):
         )
 
     def estimate(self, u: Floats) -> ExpectedError | None:
-        """Return an estimate of the error of u from third differences; None if refined, or of a degree other than 2."""
+        """Return an estimate of the error of u (n, channels) by third differences; None if refined, or degree not 2."""
         is_refined = self.space.dof_map is not self.space.base_dof_map
         return None if is_refined else single_solution_estimate(self.resolution, u)
 
     def source_error(self, difference: float | None = None) -> float:
-        """Return the error, as a share of u's range, that the source leaves: by integrals, noise, or curving a mesh."""
+        """Return the error, a share of u's range, that the source leaves; ``difference``: see :func:`support_floor`."""
         sampled = self.sampled
         noise = NOISE_FACTOR * sampled.surface.noise / self.spacing
         error = max(integral_floor_of(self.scene.surface, self.spacing), noise)
@@ -357,7 +360,7 @@ class Galerkin(EquationAssembly, Discretized):
 
 
 def galerkin(scene: Scene, options: Options[GalerkinOptions], sampled: SampledScene, space: FunctionSpace) -> Galerkin:
-    """Return the Galerkin form of a ``sampled`` scene on a function space."""
+    """Return the Galerkin form of a ``sampled`` scene on the function ``space`` over its samples."""
     coefficients = SampleCoefficients(sampled, space)
     resolution = LatticeResolution(sampled, space)
     return Galerkin(scene, sampled.conditions, coefficients, options, sampled, space, resolution)

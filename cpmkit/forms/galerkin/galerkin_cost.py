@@ -66,7 +66,8 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
     def explain(self, solver: str, progress: Progress) -> Explanation:
         """Return parts and counts of the scene at the spacing, for large scenes extrapolated from coarser ones.
 
-        Raises ResolutionError if a solve does not fit into memory, and the errors of :func:`discretize`.
+        ``solver`` is a name or "auto"; ``progress`` receives the stage and the share of it that is done. Raises
+        ResolutionError if a solve does not fit into memory, and the errors of :func:`discretize`.
         """
         from cpmkit.forms.galerkin.discretize_scene import discretize
 
@@ -104,7 +105,7 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
         )
 
     def _parts(self, form: Galerkin, counts: Mapping[str, int]) -> list[Part]:
-        """Return the parts of the explanation with their counts: samples, patches, splines, levels and boundaries."""
+        """Return the parts of the explanation with their ``counts``: samples, patches, splines, levels, boundaries."""
         own = self.options.own
         parts = [
             Part(

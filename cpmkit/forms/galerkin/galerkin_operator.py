@@ -48,7 +48,7 @@ class GalerkinOperator(CsrOperator):
         return replace(self, matrix=shifted.matrix, share=factor * self.share)
 
     def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> CsrOperator:
-        """Return ``A - shift M``, with M the ``mass``, by default the identity.
+        """Return ``A - shift M``, with M the ``mass``, by default the identity; conditions and advection are not kept.
 
         Its solutions are waves if the shift is above the smallest c.
         """
@@ -67,7 +67,7 @@ class GalerkinOperator(CsrOperator):
     def usable_levels(self, levels: Sequence[Level], spacing: float) -> Sequence[Level]:
         """Return the ``levels``, the first of which has twice the ``spacing``, up to the last that resolves the waves.
 
-        With a velocity all levels are returned, with the upwinding that they need.
+        Without waves all are returned, and with a velocity all with the upwinding that they need.
         """
         if self.advection is not None:
             return self.advection.add_to_levels(levels, self.share)
@@ -83,7 +83,8 @@ def build_operator(
 ) -> GalerkinOperator:
     """Return the operator of a ``matrix`` (n, n), with its properties from the coefficients of the equation.
 
-    The diffusivity ``a`` and the factor ``c`` are (q,), at all samples, or (1,).
+    The diffusivity ``a`` and the factor ``c`` of u, or None for zero, are (q,), at all samples, or (1,); ``advection``
+    is None without a velocity.
     """
     waves = 0.0 if c is None else max(float((-c / a).max()), 0.0)
     fixed = c is not None and bool((c > 0).all())

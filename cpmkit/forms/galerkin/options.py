@@ -45,7 +45,7 @@ FAMILIES = ("steady", "time", "eigen", "biharmonic", "coupled")
 
 
 def _check_degree(degree: Any, label: str) -> int:
-    """Return the degree of the splines, or raise an InputError if it is not one of `DEGREES`."""
+    """Return the degree of the splines, or raise an InputError, which calls it ``label``, if not in `DEGREES`."""
     if isinstance(degree, bool) or not isinstance(degree, (int, np.integer)) or int(degree) not in DEGREES:
         raise InputError(
             f"{label} must be {', '.join(map(str, DEGREES[:-1]))} or {DEGREES[-1]} in the form 'galerkin', got "

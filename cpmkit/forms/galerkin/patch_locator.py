@@ -79,8 +79,9 @@ class PatchLocator:
     def _choose_patch(self, points: Floats, samples: Ints, scores: Floats, first: Ints) -> tuple[Ints, Bools]:
         """Return the patches (k,) for ``points``, and whether (k,) some patch near a point does not touch its patch.
 
-        ``first`` (k,) is the one of the ``samples`` (k, q) that has the least of the ``scores`` (k, q). Of its patch
-        and those touching it, that with the least score whose lattice cell has the point is returned, else its patch.
+        ``first`` (k,) is that of the ``samples`` (k, q) with the least of the ``scores`` (k, q). Among its patch and
+        those that touch it, the patch with the least score whose lattice cell contains the point is returned, else its
+        patch.
         """
         patch, candidates = self.dof_map.patch[first], self.dof_map.patch[samples]
         low, high = np.minimum(candidates, patch[:, None]), np.maximum(candidates, patch[:, None])
@@ -124,7 +125,8 @@ class PatchLocator:
         """Return scores (k, q) of ``samples`` (k, q), and whether (k,) a boundary would exclude all samples of a point.
 
         A score is the squared distance, with `HEIGHT_FACTOR` for the part off the tangent plane, and infinite across a
-        boundary. A boundary that would exclude all remaining samples of a point excludes none.
+        boundary. A boundary that would exclude all remaining samples of a point excludes none. ``distance`` (k, q),
+        ascending, is that of the samples from ``points`` (k, d); ``side_of`` is that of :meth:`patches`.
         """
         off = points[:, None] - self.samples.points_at(samples)
         height = np.einsum("kqcd,kqd->kqc", self.samples.normals_at(samples), off)
@@ -144,7 +146,8 @@ class PatchLocator:
     def _is_across(self, number: int, points: Floats, samples: Ints, near_boundary: Bools, side: Side | None) -> Bools:
         """Return (k, q) whether each of the ``samples`` (k, q) lies across boundary ``number`` from its point (k, d).
 
-        It is computed only if both sides of the boundary are among the samples, or the point is ``near_boundary``.
+        It is computed only if both sides of the boundary are among the samples, or the point is ``near_boundary`` (k,).
+        Points on the boundary count as on ``side``, by default left.
         """
         signs = self._sides_by_boundary[number][self.samples.cell_at(samples)]
         across = np.zeros(samples.shape, dtype=bool)

@@ -82,7 +82,7 @@ class PointReader:
         return PatchLocator(sampled.lattice, sampled.samples, self.space.dof_map, sides, sampled.oriented, sheets)
 
     def rows(self, points: Any, side: Sides = None) -> csr_array:
-        """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d)."""
+        """Return the matrix (k, n) that evaluates u on ``side`` at the points of the manifold nearest to ``points``."""
         feet, patch, cells = self._located(points, side)
         return self.space.value_rows(patch, feet.points, cells)
 
@@ -122,7 +122,8 @@ class PointReader:
     def gradient(self, u: Floats, points: Any, side: Sides = None) -> Floats:
         """Return the tangential gradient (k, channels, d) of u at the manifold's points nearest to ``points`` (k, d).
 
-        The gradient of the splines is projected onto the splines first, which makes it 2 to 6 times more exact.
+        The gradient of the splines is first projected onto the splines, which makes it 2 to 6 times more exact. The
+        projection is cached for the last array ``u`` (n, channels). ``side`` is that of :func:`named_sides`.
         """
         space = self.space
         feet, patch, cells = self._located(points, side)
@@ -147,9 +148,10 @@ class PointReader:
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None, side: Side | None, scene: Scene
     ) -> Floats:
-        """Return du/db (k, channels), b outwards, at points of a boundary's side, or of the edge of the manifold.
+        """Return du/db (k, channels), b outwards, at ``points`` of a boundary's side, or of the edge of the manifold.
 
-        Where the diffusivity A of the scene is a tensor, the derivative is along A b / (b . A b).
+        The edge is meant if ``boundary`` or ``side`` is None. Where the diffusivity A of the scene is a tensor, the
+        derivative is along A b / (b . A b).
         """
         lattice, surface = self.sampled.lattice, self.sampled.surface
         at, step = as_points(points, lattice.dim), DIFFERENCE_SPACINGS * lattice.spacing

@@ -59,9 +59,9 @@ class LatticeResolution:
     def normal_spread(self) -> NormalSpread:
         """The share of the manifold under splines N with |sum w N n| < .6 sum w N, n the normals at samples.
 
-        On curves n are the tangents. They are oriented consistently over common facets of cells by the winding of the
-        mesh. On one-sided components this is impossible: splines near a facet where two cells disagree have NaN in
-        place of the normal, and count as resolved.
+        On curves n are the tangents. The winding of the mesh orients them consistently over common facets of cells. On
+        one-sided components this is impossible: splines near a facet where two cells disagree have NaN in place of the
+        normal, and count as resolved.
         """
         space, mesh = self.space.splines, self.sampled.mesh
         samples, cells = space.samples, space.samples.cell
@@ -132,7 +132,8 @@ class Resolution:
         Steady problems -div(a grad u) + c u = f have layers of width sqrt(a / c), with the least a and the largest c,
         along boundaries and rims with conditions (rims with zero flux alone have none). With a tensor a they may be
         anywhere: a is then its smallest eigenvalue in the tangent space, and the width is at most half the extent of
-        the manifold times sqrt(smallest / largest eigenvalue).
+        the manifold times sqrt(smallest / largest eigenvalue). Other problems, and a that depends on u, count as
+        without layers.
         """
         terms = self.scene.problem.terms()
         if self.scene.problem.family != "steady" or isinstance(terms.diffusivity, StateDiffusivity):
@@ -146,7 +147,7 @@ class Resolution:
         return float(np.sqrt(a / c) / self.spacing)
 
     def _tensor_layer(self, c: float) -> float:
-        """Return the width of the thinnest layer for a tensor diffusivity and the largest factor ``c`` of u."""
+        """Return the width of the thinnest layer, in the scene's unit, for a tensor and the largest factor ``c``."""
         points = self.coefficients.points
         tensors = evaluate_diffusivity(self.scene.problem.terms().diffusivity, points, "the diffusivity")
         normals = self.coefficients.sampled.samples.normals_at(slice(self.coefficients.sampled.interior))
@@ -191,7 +192,7 @@ class Resolution:
         return ""
 
     def folds_persist(self, coarser: Resolution) -> bool:
-        """Return whether the folded share of the area is hardly smaller than on the ``coarser`` lattice."""
+        """Return whether the folded share is large, and hardly smaller than on the ``coarser`` lattice."""
         share = self.normal_spread.unresolved_share
         halvings = np.log2(coarser.spacing / self.spacing)
         return bool(

@@ -106,7 +106,7 @@ class SampledScene(InsertedScene):
 
 
 def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
-    """Return a mesh of a scene's manifold with the boundaries inserted.
+    """Return a mesh of a scene's manifold with the boundaries inserted, not yet subdivided.
 
     Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary or the spacing does not fit.
     """
@@ -128,7 +128,7 @@ def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedSce
 def sample_inserted(
     scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, regions: Regions | None = None
 ) -> SampledScene:
-    """Return the samples of a scene whose boundaries are inserted, with smaller cells in ``regions``.
+    """Return the samples of a scene whose boundaries are inserted, with smaller cells in ``regions``, if given.
 
     Raises InputError or SceneError if a condition cannot be imposed, see :func:`imposed_conditions`.
     """
@@ -187,7 +187,8 @@ def _repaired_cells(
 ) -> tuple[LocalSource, Mesh, CellGeometry, tuple[str, ...]]:
     """Return the manifold, a repaired mesh of it, the geometry of its cells, and warnings.
 
-    A manifold that is known by closest points alone is returned with the measured noise of its closest points.
+    ``sampling`` is the option of :class:`GalerkinOptions`, by which the longest edges are chosen. A manifold that is
+    known by closest points alone is returned with the measured noise of its closest points.
     """
     lengths = longest_edge(sampling, "closest_point", surface.manifold_dim or 0), PLAIN_EDGE_SPACINGS
     source_mesh = source_cells(surface, *(spacing * length for length in lengths))

@@ -43,7 +43,7 @@ class SheetSeparation:
 
         They are the total lengths of the paths from one of the ``points`` (k, d) over the ``group`` (k, q) of each of
         the ``cells`` (k, q) near it to the corners of the source's own triangle or segment ``element`` (k,) that
-        contains the point. Groups are numbered; -1 stands for cells that are left out.
+        contains the point. Groups are numbered; -1 stands for cells that are left out, whose lengths are infinite.
         """
         size = float(np.ptp(self.mesh.vertices, axis=0).max())
         bound = max(SAME_SIZE_SHARE * size, np.finfo(float).tiny)

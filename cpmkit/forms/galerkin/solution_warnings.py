@@ -102,7 +102,7 @@ def _vertices_of(mesh: Mesh, number: int) -> Ints:
 
 
 def _scale(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
-    """Return the largest magnitude, at the vertices of a boundary, of the values given on it."""
+    """Return the largest magnitude, at the vertices of boundary ``number``, of the values given on it; else 0."""
     where = lattice.to_scene(mesh.vertices[_vertices_of(mesh, number)])
     return max(map(_largest_magnitude, _values(scene, number, where)), default=0.0)
 

@@ -70,7 +70,7 @@ class SolveMemory:
         return "blocks" if solver == "multigrid" and self.scene.problem.terms().velocity is not None else ""
 
     def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
-        """Return the bytes at the peak of a solve.
+        """Return the bytes at the peak of a solve with ``solver`` for so many ``unknowns``.
 
         If ``work``, that of a coarser solve, has more samples than usual, so many samples are assumed.
         """
@@ -113,7 +113,7 @@ class SolveMemory:
         """Raise if samples and matrices need more memory than there is, or nodes cannot be numbered.
 
         The manifold is measured only if a manifold much folded in the same bounding box would not fit. Raises
-        ResolutionError if they do not fit; the message has a spacing that would.
+        ResolutionError if memory or numbers do not suffice; for memory the message has a spacing that would fit.
         """
         spacing, bounds = self.options.spacing, np.asarray(self.scene.surface.bounds, dtype=np.float64)
         check_numbered(bounds - lattice_of(self.scene.surface, spacing, self.options.origin).origin, spacing)

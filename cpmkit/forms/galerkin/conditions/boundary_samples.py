@@ -33,10 +33,11 @@ def conormals_of_slivers(
 ) -> Floats:
     """Return ``conormals`` (n, g, d) at g points of each of n edges, recomputed where the triangle is a sliver.
 
-    There they are computed from the triangles near the ends of the edge on the same side of the boundary: they are
-    normal to the ``tangents`` (n, g, d) of the edge, in the mean tangent plane, and point away from the mean position
-    of these triangles. The edges are opposite to corner ``facet`` (n,) of ``cell`` (n,); ``corners`` (m, 3) are the
-    vertices of the cells after cutting.
+    The height of a sliver over the edge is below `SLIVER_SHARE` of the edge. New conormals are computed from the
+    triangles of ``mesh`` near the ends of the edge on the same side of the boundary: normal to the unit ``tangents``
+    (n, g, d) of the edge, in the mean tangent plane, away from the mean position of these triangles. The edges are
+    opposite to corner ``facet`` (n,) of ``cell`` (n,); ``corners`` (m, 3) are the vertices of all cells after cutting.
+    Without slivers the array itself is returned, else a copy.
     """
     ends = (facet[:, None] + np.array([1, 2])) % 3
     tail, head, apex = (mesh.vertices[mesh.cells[cell, k]] for k in (*ends.T, facet))
@@ -59,11 +60,11 @@ def conormals_of_slivers(
 
 
 def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats) -> tuple[Floats, Floats]:
-    """Return the mean position (n, d) and the mean normal (n, d) of the triangles near pairs ``at`` (n, 2) of vertices.
+    """Return the mean position (n, d) and unit normal (n, d) of the triangles near pairs ``at`` (n, 2) of vertices.
 
     Means are weighted by area, over the triangles at these vertices and their neighbours, since a sliver may have only
     slivers beside it. Positions are relative to ``middles`` (n, d). Vertices are numbered as in ``corners`` (m, 3),
-    after cutting. In the plane the normal is zero.
+    after cutting. Normals have either sign, and are zero in the plane.
     """
     order = np.argsort(corners, axis=None, kind="stable")
     starts = np.searchsorted(corners.ravel()[order], np.arange(corners.max() + 2))
@@ -90,10 +91,11 @@ def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats)
 
 
 def _quadratic_tangents(x: Floats, m: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Return two tangents (n, d) of quadratic triangles near ``points`` (n, d).
+    """Return two tangents, (n, d) each and not of unit length, of quadratic triangles near ``points`` (n, d).
 
-    ``x`` (n, 3, d) are the corners and ``m`` (n, 3, d) the midpoints opposite to these. The polynomials are evaluated
-    beyond the edges of the triangles, since the tangent plane changes between triangle and point with the curvature.
+    They are derivatives by two barycentric coordinates. ``x`` (n, 3, d) are the corners and ``m`` (n, 3, d) the
+    midpoints opposite to these. The polynomials are evaluated beyond the edges, within `REACH`, since the tangent plane
+    changes between triangle and point with the curvature.
     """
     a, b, p = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], points - x[:, 0]
     aa, ab, bb = dots(a, a), dots(a, b), dots(b, b)
@@ -109,11 +111,11 @@ def _quadratic_tangents(x: Floats, m: Floats, points: Floats) -> tuple[Floats, F
 def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed_: Bools) -> FacetPoints:
     """Return the points (n, g, d), weights (n, g), conormals (n, g, d) and normals (n, g, d - 2, d) on triangle edges.
 
-    There are g = `POINTS_OF_EDGE` Gauss points on each edge. Triangles are quadratic: with barycentric coordinates l
-    and the edge midpoints m opposite to corners x, ``y = sum_i l_i (2 l_i - 1) x_i + 4 l_(i+1) l_(i+2) m_i``. The edges
-    are opposite to corner ``facet`` (n,) of ``cell`` (n,), and traversed against the cell's orientation where
-    ``reversed_``, so that the cells on both sides of an edge give the same points. ``corners`` (m, 3) are the vertices
-    of the mesh after cutting.
+    There are g = `POINTS_OF_EDGE` Gauss points on each edge, with unit conormals out of the cell and unit normals. With
+    barycentric coordinates l and edge midpoints m opposite to corners x, quadratic triangles are
+    ``y = sum_i l_i (2 l_i - 1) x_i + 4 l_(i+1) l_(i+2) m_i``. The edges are opposite to corner ``facet`` (n,) of
+    ``cell`` (n,), and traversed against the cell's orientation where ``reversed_`` (n,), so that the cells on both
+    sides give the same points. ``corners`` (m, 3) are the vertices of the cells of ``mesh`` after cutting.
     """
     tail, head = (facet + 1) % 3, (facet + 2) % 3
     tail, head = np.where(reversed_, head, tail), np.where(reversed_, tail, head)
@@ -141,7 +143,8 @@ def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed
 def ends_of_segments(mesh: Mesh, _corners: Ints, cell: Ints, facet: Ints, _reversed: Bools) -> FacetPoints:
     """Return the points (n, 1, d), weights 1 (n, 1), conormals (n, 1, d) and normals (n, 1, d - 1, d) at segment ends.
 
-    The end is corner 1 - ``facet`` (n,) of segment ``cell`` (n,); the conormal is the tangent out of the segment.
+    The end is corner 1 - ``facet`` (n,) of segment ``cell`` (n,) of ``mesh``; the conormal is the unit tangent out of
+    the segment. The other arguments, which :func:`points_on_edges` needs, are unused.
     """
     vertices = mesh.vertices[mesh.cells[cell]]
     end, other = _select_corner(vertices, 1 - facet), _select_corner(vertices, facet)
@@ -181,12 +184,12 @@ class BoundarySamples:
         return len(self.points)
 
     def take(self, index: Ints | Bools) -> BoundarySamples:
-        """Return the samples with the numbers ``index``, or where ``index`` (b,) is true."""
+        """Return the samples with the numbers ``index`` (k,), or where the booleans ``index`` (b,) are true."""
         return BoundarySamples(*[getattr(self, field.name)[index] for field in fields(self)])
 
     @property
     def as_samples(self) -> Samples:
-        """These points as quadrature samples of weight zero: u is evaluated there, but nothing is integrated."""
+        """These b points as quadrature samples of weight zero: u is evaluated there, but nothing is integrated."""
         return Samples(self.points, np.zeros(len(self)), self.normals, self.cell)
 
 
@@ -195,12 +198,10 @@ def boundary_samples(
 ) -> BoundarySamples:
     """Return the samples on the facets of boundaries, and with ``rims`` also those on all other facets of the rim.
 
-    ``mesh``: flat or quadratic cells.
-    ``half``: facets of the mesh on boundaries and rims, once for each cell beside them.
-    ``corners`` (m, k): the vertices of the cells after cutting.
-    ``rims``: whether samples on rims where no boundary lies are included.
-    ``points`` mapping of int to (k,) int64: for each boundary that consists of points of a surface, by number, the
-        vertices at these points.
+    ``mesh`` has flat or quadratic cells, ``half`` are its facets on boundaries and rims, once for each cell beside
+    them, and ``corners`` (m, k) the vertices of the cells after cutting. ``points`` maps the number of each boundary
+    that consists of points of a surface to the vertices (k,) at these points, whose samples come last; None if there
+    are none.
     """
     chosen = np.flatnonzero((half.cut >= 0) | rims)
     facet_points = points_on_edges if mesh.manifold_dim == 2 else ends_of_segments
@@ -230,9 +231,10 @@ def boundary_samples(
 
 
 def _at_vertices(mesh: Mesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:
-    """Return samples at vertices of a surface, each in one of the triangles that meet there.
+    """Return samples at vertices of a surface, each in the first of the triangles that meet there.
 
-    ``points`` are vertices (k,) by the number of their boundary; ``corners`` (m, 3) are vertices after cutting.
+    ``points`` maps the number of a boundary to its vertices (k,); ``corners`` (m, 3) are the vertices of all cells
+    after cutting. The samples have weight 1, conormal zero, and -1 for half facet and facet.
     """
     owner = np.repeat(list(points), [len(vertices) for vertices in points.values()])
     vertex = np.concatenate(list(points.values()))

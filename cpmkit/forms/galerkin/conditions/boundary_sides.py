@@ -44,12 +44,10 @@ def left_of_boundaries(
 ) -> Bools:
     """Return whether each boundary sample (b,) is on the left of its boundary.
 
-    ``mesh``: the mesh, cut along the boundaries.
-    ``half``: facets of the mesh on boundaries and rims, once for each cell beside them.
-    ``corners`` (m, k): the vertices of the cells after cutting.
-    ``samples``: samples on these half facets.
-    ``boundaries``: the boundaries, numbered as in ``mesh.owner``.
-    ``lattice``: the coordinates of samples are relative to its origin.
+    ``half`` are the n facets of the ``mesh``, which is cut along the boundaries, on boundaries and rims, once for each
+    cell beside them; ``corners`` (m, k) are the vertices of the cells after cutting; ``samples`` lie on these half
+    facets, with coordinates relative to the origin of the ``lattice``. The ``boundaries`` are numbered as in
+    ``mesh.owner``. The result is false on rims where no boundary lies, and at points of a surface.
     """
     n = len(half.cell)
     if not n or not len(samples):
@@ -72,9 +70,9 @@ def left_of_boundaries(
 def side_moments(samples: BoundarySamples, left: Bools, count: int) -> Floats:
     """Return moments (count, d, d + 1) of the conormals out of the left side of each of ``count`` boundaries.
 
-    They are the integrals of the conormal times 1 and times each coordinate. They change sign if left and right are
-    swapped, and hardly depend on the facets into which the boundary is divided. ``left`` (b,) is whether each sample is
-    on the left.
+    They are the integrals of the conormal times 1 and times each coordinate, zero for boundaries at points. They change
+    sign if left and right are swapped, and hardly depend on the facets into which the boundary is divided. ``left``
+    (b,) is whether each sample is on the left.
     """
     dim = samples.points.shape[1]
     moments = np.zeros((count, dim, dim + 1))
@@ -89,7 +87,8 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
     """Return the votes (b,) of samples for their cell being on the left: positive for left, negative for right.
 
     A vote is the weight of the sample times the inner product of its conormal with the boundary's direction to the
-    right. Directions are computed at the middles of facets; samples on continuations past tips have the vote zero.
+    right, computed at the middle of the facet. It is zero for samples past tips, on no boundary, or on boundaries
+    without sides. ``boundaries`` have the numbers in ``samples.owner``.
     """
     votes = np.zeros(len(samples))
     facets = int(samples.facet.max(initial=-1)) + 1
@@ -109,7 +108,8 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
 def _side_and_piece_labels(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
     """Return two labels (n,) of half facets: of one side of a connected piece of a boundary, and of this piece.
 
-    Facets of one boundary are connected at vertices where exactly two facets of boundaries meet.
+    Facets of the same boundary are connected at vertices where exactly two facets of boundaries meet. Each facet on no
+    boundary has labels of its own. ``corners`` (m, k) are the vertices of the cells after cutting.
     """
     n, k = len(half.cell), mesh.cells.shape[1]
     on = half.cut >= 0
@@ -126,14 +126,14 @@ def _side_and_piece_labels(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple
 
 
 def _merge_labels(labels: Ints, rows: Ints, keys: Ints) -> Ints:
-    """Return ``labels`` (n,), all below n, after merging the labels of ``rows`` (k,) with equal ``keys`` (k, 2)."""
+    """Return ``labels`` (n,), below n, renumbered from 0, those of ``rows`` (k,) with equal ``keys`` (k, 2) merged."""
     n, node = len(labels), _renumber(keys[:, 0] * (int(keys[:, 1].max(initial=0)) + 1) + keys[:, 1])
     pairs = np.stack([labels[rows], n + node], axis=1)
     return _renumber(components(n + len(rows), pairs)[1][labels])
 
 
 def _renumber(labels: Ints) -> Ints:
-    """Return ``labels`` (n,) renumbered from 0 on without gaps."""
+    """Return ``labels`` (n,) renumbered from 0 on without gaps, in the same order."""
     return np.asarray(np.unique(labels, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
@@ -171,9 +171,8 @@ def local_widths(
 
     ``values`` csr_array (b, n): evaluates the splines N_j at the samples.
     ``integrals`` (n,): A_j.
-    ``samples``: the samples.
-    ``sides`` sequence of (b,) bool: disjoint sets of samples, such as those on one side of a boundary. L_j is summed
-        over each set by itself; samples in no set have the width h.
+    ``sides`` sequence of (b,) bool: disjoint sets of ``samples``, such as those on one side of a boundary. L_j is
+        summed over each set by itself; samples in no set, and points of a surface, have the width h.
     ``spacing`` (b,): the spacing h of the splines at the samples.
     """
     width, measured = np.array(spacing, dtype=np.float64), np.stack(sides, axis=1) & (samples.half >= 0)[:, None]
@@ -193,23 +192,24 @@ class OneSidedLimits:
     lattice: Lattice  #: The coordinates of samples are relative to its origin.
 
     def value(self, data: Data, label: str) -> Floats:
-        """Return the limits (b,) of positive ``data``, which have the name ``label`` in error messages.
+        """Return the limits (b,) of positive ``data``, a number or function; errors name them by ``label``.
 
-        Raises InputError if the data are not positive where they are evaluated.
+        Functions are extrapolated from inside the side of each sample. Raises InputError if a value is not positive.
         """
         return self._extrapolated(data, label)[0] if callable(data) else self._positive_values(data, 0.0, label)
 
     def conormal_flux(self, tensors: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
-        """Return the conormal flux b . A grad u for ``tensors`` A, a function of points (b, d) that returns (b, d, d).
+        """Return the factor s and the direction that give the conormal flux b . A grad u of tensors A at the samples.
 
         With s = b . A b and the direction A b / s, whose component along b is 1, the flux is s times the derivative
         along that direction: all conditions hold unchanged with s as diffusivity and this derivative as du/db. The mean
         of A over tangents is extrapolated as in :meth:`value`. The tensor divided by this mean is evaluated at the same
         two points, and extrapolated to the boundary unless b . A b there is at most half its value at the nearer point,
-        which is then used.
+        which is then used. Raises InputError if the mean is not positive.
 
+        ``tensors``: A as a function of points (b, d) in the scene's coordinates that returns (b, d, d).
         Returned ``a`` (b,): s; at points of a surface, which have no conormal, the mean of A over tangents.
-        Returned ``directions`` (b, d): A b / s, tangent to the manifold.
+        Returned ``directions`` (b, d): A b / s, tangent to the manifold; zero at points of a surface.
         """
         label, normals, b = "the diffusivity", self.samples.normals, self.samples.conormals
 
@@ -230,24 +230,22 @@ class OneSidedLimits:
 
     @property
     def _inward_steps(self) -> tuple[Floats, Floats]:
-        """Steps (b, d) from the samples into their side: against the conormal, and halfway to the cell's centre."""
+        """Steps (b, d) from samples into their side: against the conormal, and halfway to the centre of the cell."""
         samples = self.samples
         against = -READ_INSIDE_WIDTHS * self.widths[:, None] * samples.conormals
         return against, 0.5 * (samples.centres - samples.points)
 
     def _extrapolated(self, data: Data, label: str) -> tuple[Floats, Bools]:
-        """Return the limits of a positive function, and how each was evaluated.
+        """Return the limits (b,) of a positive function, and whether (b,) each was evaluated along the conormal.
 
         The logarithm of the function is evaluated at one and two steps against the conormal, and at one and two steps
         towards the centre of the cell, and each pair is extrapolated linearly to the sample. The first pair of points
         may lie in another zone where boundaries meet, the second pair beyond an interface of materials that is not
         exactly on the boundary: the first limit is taken unless the second is clearly nearer to :attr:`around`, which
         replaces a limit far from it. On rims, and where the function is smooth across the boundary (its third
-        difference is at most its second: a jump would be a smaller error), it is evaluated at the sample itself.
-
-        Returned ``values`` (b,): the limits.
-        Returned ``along`` (b,): whether the function was evaluated against the conormal or at the sample, not towards
-            the cell's centre.
+        difference is at most its second: a jump would be a smaller error), it is evaluated at the sample itself. The
+        second result is true there too. Raises InputError, which names ``data`` by ``label``, if a value is not
+        positive.
         """
 
         def logarithm(step: Floats | float) -> Floats:
@@ -267,16 +265,17 @@ class OneSidedLimits:
         return np.exp(np.where(smooth, here, value)), smooth | by_conormal
 
     def _positive_values(self, data: Data, step: Floats | float, label: str) -> Floats:
-        """Return the values (b,) of ``data`` at ``step`` from the samples; raise InputError if one is not positive."""
+        """Return ``data`` (b,) at ``step``, (b, d) or 0, from samples; raise InputError if a value is not positive."""
         values = evaluate_data(data, self.lattice.to_scene(self.samples.points + step), 1, label)[:, 0]
         if np.any(values <= 0):
             raise InputError(f"{label} must be above zero, got {values.min():g}.")
         return values
 
     def conductivity(self, data: Data, label: str, side: str) -> Floats:
-        """Return the conductivity (b,) prescribed on one ``side`` of the boundary called ``label``.
+        """Return the conductivity ``data`` (b,) prescribed on one ``side`` of the boundary called ``label``.
 
-        Raises SceneError if it differs from the diffusivity, exp of :attr:`around`, and InputError if not positive.
+        Raises SceneError if it differs by more than 1 % from the diffusivity, exp of :attr:`around`, at more than a
+        tenth of the samples, and InputError if it is not positive.
         """
         prescribed, a = self.value(data, f"a conductivity of {label}"), np.exp(self.around)
         off = np.abs(prescribed / a - 1)

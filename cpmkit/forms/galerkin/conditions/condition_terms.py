@@ -48,7 +48,7 @@ class AddedTerms:
     data: list[tuple[Data, Floats, str]]
 
     def loads(self, channels: int, time: float | None) -> Floats:
-        """Return the load (n, channels) of these terms, with data at ``time``."""
+        """Return the load (n, channels) of these terms, with data at ``time``; None if no data depend on time."""
         values = [evaluate_data(data, points, channels, label, time) for data, points, label in self.data]
         return np.asarray(self.load @ np.concatenate(values))
 
@@ -80,7 +80,7 @@ class ConditionTerms:
         return sum((terms.matrix for terms in self._terms), csr_array((n, n))).tocsr()
 
     def load(self, channels: int, time: float | None = None) -> Floats:
-        """Return the load (n, channels) of all conditions, with data at ``time``."""
+        """Return the load (n, channels) of all conditions, with data at ``time``; None if no data depend on time."""
         zero = np.zeros((self.values.shape[1], channels))
         return sum((terms.loads(channels, time) for terms in self._terms), zero)
 
@@ -92,7 +92,7 @@ class ConditionTerms:
 
     @property
     def for_laplacian(self) -> ConditionTerms:
-        """The conditions on Lap u: of the same kinds, with the data of supports for Lap u, and zero data elsewhere."""
+        """The conditions on Lap u: 0, or the datum of a support, where a value of u is given; elsewhere zero flux."""
         conditions = [replace(condition, law=condition.law.of_laplacian) for condition in self.conditions]
         return replace(self, conditions=tuple(conditions))
 
@@ -108,7 +108,7 @@ class ConditionTerms:
 
     @property
     def state_fluxes(self) -> list[StateFluxSamples]:
-        """The samples of each condition whose flux depends on u."""
+        """The samples of each condition whose flux depends on u, in the order of :attr:`conditions`."""
         return [
             StateFluxSamples(
                 condition, self._scene_points(condition), self.values[condition.rows], self.lattice.spacing
@@ -128,17 +128,15 @@ class ConditionTerms:
     def flux(self, u: Floats, chosen: Bools, time: float | None) -> Floats | None:
         """Return the integrals (channels,) of du/db over ``chosen`` samples, with b the conormal out of their cells.
 
-        They are computed from the residual of the weak form for a test function that is 1 on this side and 0 on the
-        other: for Nitsche's terms the sum over samples of ``a du/db - B a (u - g) / w``, similarly for couplings and
-        fluxes. This converges with the order of the energy, not that of the gradient. Summed over all boundaries of a
-        connected piece it balances the integral of f over the piece, to the tolerance of the solver.
+        They are computed from the residual of the weak form for a test function that is 1 / a at these samples, 0 at
+        the others, and has no slope: for Nitsche's terms the sum over samples of ``du/db - B (u - g) / w``, similarly
+        for couplings and fluxes. This converges with the order of the energy, not that of the gradient. For a = 1 the
+        sum over all boundaries of a connected piece balances the integral of f over the piece, to the tolerance of the
+        solver.
 
-        ``u`` (n, channels): the unknowns of the solution.
-        ``chosen`` (b,): which samples: those on one side of a boundary, or on the rim.
-        ``time``: the time at which data are evaluated.
-
-        None if a condition at these samples has the eigenvalue as a factor, which is not known here. Samples without a
-        condition contribute nothing.
+        ``u`` (n, channels) are the unknowns of the solution, ``chosen`` (b,) is whether a sample is included, as on one
+        side of a boundary or on the rim, and data are evaluated at ``time``. None if a condition at these samples has
+        the eigenvalue as a factor, which is not known here. Samples without a condition contribute nothing.
         """
         from scipy.sparse import csr_array, hstack
 
@@ -165,10 +163,7 @@ class ConditionTerms:
 
     @cached_property
     def _terms(self) -> list[AddedTerms]:
-        """The terms of values, fluxes, Robin conditions, couplings and advection, one entry for each kind.
-
-        Spectral and nonlinear laws add nothing here: see :attr:`boundary_mass` and :meth:`linearise`.
-        """
+        """The terms of each kind of condition, and of advection; spectral and nonlinear laws add nothing here."""
         kinds: list[tuple[Callable[..., AddedTerms], Any]] = [
             (self._one_sided, conditions_with_law(self.conditions, Value, Flux, Mixed)),
             (self._interface, conditions_with_law(self.conditions, Interface)),
@@ -182,7 +177,7 @@ class ConditionTerms:
         return [terms(conditions) for terms, conditions in kinds if conditions]
 
     def _one_sided(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
-        """Return the terms of values, fluxes and Robin conditions on one side of a boundary."""
+        """Return the terms of ``conditions`` on one side of a boundary: values, fluxes and Robin conditions."""
         rows = np.concatenate([each.rows for each in conditions])
         alpha = joined(conditions, lambda each: each.law.alpha)
         beta = joined(conditions, lambda each: beta_at(each.law, self._scene_points(each), each.label))
@@ -192,7 +187,7 @@ class ConditionTerms:
         return AddedTerms(matrix, self._forms(factors, rows).T.tocsr(), self._data(conditions, "datum"))
 
     def _interface(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
-        """Return the terms of conditions that couple the two sides of a boundary."""
+        """Return the terms of ``conditions`` that couple the two sides of a boundary; data: jumps, then fluxes."""
         from scipy.sparse import vstack
 
         left, right = rows = [np.concatenate([each.sides[k] for each in conditions]) for k in range(2)]
@@ -207,7 +202,7 @@ class ConditionTerms:
     def _upwinding(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
         """Return the terms of advection at inflow where values are given, or across boundaries where u has a jump.
 
-        The jump, which may be zero, is u on the left less u on the right.
+        The ``conditions`` are all values or all couplings; the jump, u on the left less u on the right, may be zero.
         """
         assert self.outward_speed is not None
         couples = conditions[0].law.couples
@@ -262,12 +257,11 @@ def condition_terms(
     ``conditions``, ``samples``, ``lattice``: the attributes of :class:`ConditionTerms`.
     ``left`` (b,): whether each sample is on the left of its boundary.
     ``traces`` two csr_array (b, n): evaluate u, and du/db along the conormals, at the samples.
-    ``integrals`` (n,): the integral of each spline over the manifold.
+    ``integrals``, ``logarithms`` (n,): the integral of each spline over the manifold, and of each spline times the
+        logarithm of the diffusivity, or of a tensor's mean over tangents.
     ``diffusivity``, Data or tensor: the diffusivity of the equation.
-    ``logarithms`` (n,): the integral of each spline times the logarithm of the diffusivity, or of a tensor's mean over
-        tangents.
-    ``slopes_along``: maps directions (b, d) to the matrix (b, n) of derivatives along them at the samples; given if the
-        diffusivity is a tensor.
+    ``slopes_along``: maps directions (b, d) to the matrix (b, n) of derivatives along them at the samples; None if the
+        diffusivity is no tensor.
     ``spacings`` (b,) or (1,): the spacing of the splines at the samples.
     """
     values, slopes = traces

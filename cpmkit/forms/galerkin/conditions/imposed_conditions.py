@@ -68,7 +68,7 @@ def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) ->
 
 
 def joined(conditions: Iterable[ImposedCondition], values: Callable[[ImposedCondition], Any]) -> Floats:
-    """Return the ``values`` of ``conditions``, a number or (k_i,) for each, at all of their samples in order."""
+    """Return ``values(each)``, a number or (k_i,), for each of the ``conditions`` at its k_i rows, concatenated."""
     return np.concatenate([np.broadcast_to(np.float64(values(each)), len(each.rows)) for each in conditions])
 
 
@@ -109,7 +109,8 @@ def imposed_conditions(
 def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice: Lattice) -> Iterator[ImposedCondition]:
     """Yield the conditions on boundaries with their samples; equal conditions on both sides are yielded as one.
 
-    Raises SceneError if a condition other than a value is at a point, or if one couples sides where there are not two.
+    ``left`` (b,) is whether each sample is on the left. Boundaries without samples yield nothing. Raises SceneError if
+    a condition other than a value is at a point, or if a condition couples sides where there are not two.
     """
     none = np.zeros(0, dtype=np.int64)
     for number, boundary in enumerate(scene.boundaries):
@@ -142,6 +143,7 @@ def _paired_samples(
 ) -> tuple[Ints, Ints]:
     """Return the samples (k,) on the left and the samples (k,) on the right of a boundary, at the same points.
 
+    ``left`` and ``on`` (b,) are whether each sample is on the left, and on this boundary, which errors call ``label``.
     Raises SceneError if the boundary has one side or more than two somewhere.
     """
     key = POINTS_OF_EDGE * samples.facet + samples.place
@@ -196,7 +198,7 @@ def _on_rims(
 
 
 def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
-    """Return the number (k,) of the loop of the rim that each sample lies on, from the manifold ``surface``."""
+    """Return the number (k,) of the loop of the rim of ``surface`` at each sample; all -1 if it is known at none."""
     from scipy.spatial import KDTree
 
     target: Floats = samples.points + PAST_RIM_SPACINGS * spacing * samples.conormals
@@ -226,7 +228,8 @@ def point_warnings(
 ) -> tuple[str, ...]:
     """Return warnings about values at points of a surface, where u has no limit, and about very short curves.
 
-    ``interior`` are points (n, d) on the manifold, in the scene's coordinates, and their quadrature weights (n,).
+    ``interior`` are points (n, d) on the manifold, in the scene's coordinates, and their quadrature weights (n,), for
+    the integral of a source; None if they are not known. ``spacing`` is h.
     """
     names = [boundary.name for boundary in scene.boundaries]
     at_points = samples.owner[samples.half < 0]
@@ -263,7 +266,7 @@ class StateFluxSamples:
         return bool(np.any(np.abs(self.condition.law.slope_at(seen, self.points)) * self.spacing > LEAST_SLOPE))
 
     def linearise(self, seen: Floats) -> ImposedCondition:
-        """Return the condition ``du/db = j(v) + j'(v) (u - v)``, v = ``seen`` (k,); a flux if j' is zero."""
+        """Return the condition ``du/db = j(v) + j'(v) (u - v)``, v = ``seen`` (k,); a flux unless :meth:`grows`."""
         slope = self.condition.law.slope_at(seen, self.points)
         datum = partial(_known_values, self.condition.law.flux_at(seen, self.points) - slope * seen)
         law = Mixed(1.0, partial(_known_values, -slope), datum) if self.grows(seen) else Flux(datum)
@@ -271,5 +274,5 @@ class StateFluxSamples:
 
 
 def _known_values(values: Floats, _points: Floats) -> Floats:
-    """Return ``values`` (k,) at k samples: with the values bound, data that can be evaluated only there."""
+    """Return ``values`` (k,), whatever the points: with values bound these are data at k given samples only."""
     return values

@@ -60,7 +60,8 @@ def one_sided_products(
 ) -> tuple[list[tuple[Floats, Floats]], Floats]:
     """Return the products that conditions on one side add to the matrix, and the factors of their data in the load.
 
-    A product is a pair of linear forms (k, 1, 2), of which the transposed product is added too.
+    A product is a pair of linear forms (k, 1, 2), of which the transposed product is added too; the factors in the load
+    are such a form.
 
     ``alpha``, ``beta`` (k,): factors of du/db and of u in the conditions, never both zero.
     ``a`` (k,): the diffusivity on this side.
@@ -78,9 +79,10 @@ def one_sided_products(
 def interface_products(
     a: Sequence[Floats], widths: Sequence[Floats], resistance: Floats, weights: Floats, penalty: Floats
 ) -> tuple[list[tuple[Floats, Floats]], list[Floats]]:
-    """Return the products that couplings add to the matrix, and the factors of jump and flux (k,) in the load.
+    """Return the products that couplings add to the matrix, and the factors of the jump and of the flux in the load.
 
-    All are linear forms (k, 2, 2), on the left and on the right.
+    A product is a pair of linear forms, of which the transposed product is added too; the two factors are such forms.
+    All are (k, 2, 2), on the left and on the right.
 
     ``a``, ``widths`` two (k,) float64: the diffusivity and the local width on the left, and on the right.
     ``resistance``, ``weights``, ``penalty`` (k,): the resistance R, zero where u is continuous; the weights s of the
@@ -105,7 +107,7 @@ def interface_products(
 
 
 def side_factors(*factors: Floats) -> Floats:
-    """Return the array (k, sides, 2) of ``factors`` (k,), given for u and du/db on one side after the other."""
+    """Return linear forms (k, sides, 2) from ``factors`` (k,): of u and of du/db on one side, then on the next."""
     return np.stack(factors, axis=1).reshape(len(factors[0]), -1, 2)
 
 
