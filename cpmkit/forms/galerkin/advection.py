@@ -36,14 +36,12 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 #: tau is at most h / |v| over the first number, and h^2 / a over the second. On a circle cut at a point, with a layer
-#: at the cut, at cell numbers of 10 to 1000 and six positions nothing exceeds its range; with h / (4 |v|) alone up to
-#: 3.3 percent, and 1 in place of 2 leaves errors ten times as large upstream. At 5, where the layer is h / 5 wide, 4
-#: percent.
+#: at the cut, at cell numbers of 10 to 1000 and six positions nothing exceeds its range; with h / (4 |v|) alone 3.3 %,
+#: and 1 in place of 2 leaves errors ten times as large upstream. At 5, where the layer is h / 5 wide, 4 percent.
 LIMIT_BY_SPEED, LIMIT_BY_DIFFUSION = 2.0, 16.0
 #: The share of |v| h that the stabilisation is proportional to at least.
 STABILISATION_SHARE = 0.1
-#: At boundaries a velocity, which may jump there, is evaluated so far inside the cell, as a share of the way to its
-#: middle.
+#: At boundaries a velocity, which may jump there, is evaluated at this share of the way to the cell's middle.
 INSIDE_SHARE = 1e-6
 
 
@@ -165,15 +163,14 @@ class Advection:
     space: SplineSpace  #: The splines and their samples.
     velocity: Floats  #: (q, d): the tangential part v of the velocity at the samples.
     upstream: Floats  #: (q,): the upwinding time tau at the samples.
-    #: a, c (q,) or (1,): the diffusivity, and the factor of u in the tested equation, which is c + div v if the
-    #: equation is conservative.
+    #: a, c (q,) or (1,): the diffusivity, and the factor of u in the tested equation, c + div v if it is conservative.
     a: Floats
     c: Floats
     gradient_of_a: Floats  #: (q, d) or (0, d): the gradient of a; empty where a is constant.
     conservative: bool  #: Whether the equation has div(v u) in place of v . grad u.
 
     def add_to(self, matrix: csr_array, stabilisation: Stabilisation) -> csr_array:
-        """Return a stiffness ``matrix`` plus the terms of the velocity and the stabilisation that they need."""
+        """Return a stiffness ``matrix`` (n, n) plus the terms of the velocity and the ``stabilisation`` they need."""
         space, data = self.space, matrix.data.copy()
         speed = np.linalg.norm(self.velocity, axis=1)
         more = np.maximum(STABILISATION_SHARE * speed * space.dof_map.spacing - self.a, 0.0)

@@ -180,8 +180,7 @@ def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Int
 
     The points are mirror images at the boundary, in the scene's coordinates. Cells follow a boundary along quadratic
     edges, and on a mesh along its curved surface, so that a sample may lie past the boundary by a thousandth of a
-    spacing. With the coefficient of the other material there the matrix would not be positive where that is a thousand
-    times stiffer.
+    spacing. The coefficient of the material there, if a thousand times stiffer, would make the matrix indefinite.
 
     Where a boundary lies off the manifold, data may change anywhere between it and its closest points: samples within
     twice that distance count as past it, too. Boundaries without a left, and those of curves, have no such samples.
@@ -210,8 +209,7 @@ def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Int
 def _samples_near_chords(sampled: SampledScene, half_facets: Ints, left: Bools) -> tuple[Ints, Ints]:
     """Return the samples (k,) near the chord of a half facet of their cell, and their side (k,) of the boundary.
 
-    ``half_facets`` (j,) are the numbers of the half facets; a side is 1 if ``left`` (n,), by half facet, is true, else
-    -1.
+    ``half_facets`` (j,) are the numbers of the half facets; a side is 1 if ``left`` (n,) is true, else -1.
     """
     half, mesh = sampled.half, sampled.mesh
     samples: Any = sampled.samples  # quantised by now

@@ -167,8 +167,7 @@ def residual_squares(form: Galerkin, u: Floats) -> Floats:
 def _laplacian(form: Galerkin, u: Floats) -> Floats:
     """Return (q, channels) Lap u at the q samples: the sum of second derivatives of u (n, channels) along tangents.
 
-    It is tr(P H P), with H the Hessian of the splines, of degree 2 on a surface in space, and P the projection on
-    tangents.
+    It is tr(P H P), with H the Hessian of the splines, of degree 2 on a surface in space, P the tangential projection.
     """
     dof_map, samples = form.space.dof_map, form.sampled.samples
     coefficients, laplacian = form.space.to_coefficients(u), np.zeros((form.sampled.interior, u.shape[1]))
@@ -188,7 +187,7 @@ def _laplacian(form: Galerkin, u: Floats) -> Floats:
 
 
 def mark_patches(squares: Floats) -> Bools:
-    """Return (p,) which patches are marked: those of the largest ``squares`` (p,) with half of their sum (Doerfler)."""
+    """Return (p,) whether each patch is marked: those of the largest ``squares`` (p,) with half the sum (Doerfler)."""
     order = np.argsort(-squares, kind="stable")
     total = np.cumsum(squares[order])
     marked = np.zeros(len(squares), dtype=bool)

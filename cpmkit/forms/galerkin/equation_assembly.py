@@ -45,8 +45,8 @@ class EquationAssembly:
     def stiffness(self, terms: Terms) -> GalerkinOperator:
         """Return A: the energy of the diffusivity, stabilised, c u v, the advection, and the terms of the conditions.
 
-        Raises InputError if the diffusivity is not positive (definite on tangents), SceneError if a conductivity
-        differs.
+        Raises InputError if the diffusivity is not positive (definite on tangents), SceneError if a condition gives a
+        conductivity that differs from it.
         """
         space, coefficients = self.coefficients.space, self.coefficients
         a = coefficients.diffusivity(terms.diffusivity)

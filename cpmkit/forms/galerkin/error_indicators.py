@@ -28,9 +28,9 @@ BENDING_DIVISOR = 3.0
 #: whose folds persist on more than this share of the area.
 FOLDED_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 1.0, 0.1
 #: Root mean square of third differences over that of errors, and largest over largest, of cells that follow the source
-#: (measured on 22 problems at 250 to 3,000 unknowns: 60 to 240, and 50 to 300), of flat cells (95 to 110, and 80 to
-#: 150), of cells curved from normals or folded sources (3 to 50, and 2 to 200), and where boundaries end (22 to 36, and
-#: 25 to 50).
+#: (on 22 problems at 250 to 3,000 unknowns: 60 to 240, and 50 to 300), of flat cells (95 to 110, and 80 to 150), of
+#: cells curved from normals or folded sources (3 to 50, and 2 to 200), and where boundaries end (22 to 36, and 25 to
+#: 50).
 SMOOTH, FLAT, ROUGH, ENDING = (145.0, 175.0), (100.0, 125.0), (22.0, 29.0), (30.0, 37.0)
 #: The same of cells curved from normals on organic meshes from some 10,000 unknowns on (25 to 50, and 50 to 320).
 RESOLVED = (32.0, 100.0)
@@ -156,8 +156,8 @@ def highest_differences(dof_map: DofMap, u: Floats) -> Floats:
     """Return (k, channels) the differences of order degree + 1 of coefficients along axes, over adjacent patches.
 
     ``u`` (n, channels) are the coefficients. Two patches that touch are adjacent along an axis if their lattice cells
-    are neighbours along it and they read the same unknowns at their common nodes. Each pair gives width^(d - 1) lines
-    of width + 1 coefficients.
+    are neighbours along it and they have the same unknowns at common nodes. A pair gives width^(d - 1) lines of width +
+    1 coefficients.
     """
     width, d = dof_map.width, dof_map.dim
     signs = [(-1.0) ** (width - place) * math.comb(width, place) for place in range(width + 1)]
@@ -198,8 +198,7 @@ def support_floor(surface: LocalSource, area: float, difference: float | None) -
 def _areas_by_support(surface: LocalSource) -> Floats | None:
     """Return the areas (3,) of a source's triangles: of all, of those with an unsupported edge, with a doubtful edge.
 
-    The doubtful include the unsupported. None for a source without a mesh that is the same at any spacing, or whose
-    mesh was not made yet.
+    Doubtful includes unsupported. None without a mesh that is the same at any spacing, or if it was not made yet.
     """
     cache, support = mesh_cache_of(surface), own_edge_support(surface)
     if cache is None or support is None:

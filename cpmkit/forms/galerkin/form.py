@@ -201,7 +201,7 @@ class Galerkin(EquationAssembly, Discretized):
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
         """Return the unknowns (n, channels) of the functions nearest to ``values`` (p, channels) in mean square.
 
-        ``start`` (n, channels) are the unknowns of a first approximation, to which the projection of the rest is added;
+        ``start`` (n, channels) are the unknowns of a first approximation; the projection of the rest is added to them.
         ``time`` is unused.
         """
         del time  # no unknown represents data of a condition

@@ -83,8 +83,7 @@ def build_operator(
 ) -> GalerkinOperator:
     """Return the operator of a ``matrix`` (n, n), with its properties from the coefficients of the equation.
 
-    The diffusivity ``a`` and the factor ``c`` of u, or None for zero, are (q,), at all samples, or (1,); ``advection``
-    is None without a velocity.
+    The diffusivity ``a`` and the factor ``c`` of u are (q,), at all samples, or (1,); ``c`` is None for zero.
     """
     waves = 0.0 if c is None else max(float((-c / a).max()), 0.0)
     fixed = c is not None and bool((c > 0).all())

@@ -79,9 +79,8 @@ class PatchLocator:
     def _choose_patch(self, points: Floats, samples: Ints, scores: Floats, first: Ints) -> tuple[Ints, Bools]:
         """Return the patches (k,) for ``points``, and whether (k,) some patch near a point does not touch its patch.
 
-        ``first`` (k,) is that of the ``samples`` (k, q) with the least of the ``scores`` (k, q). Among its patch and
-        those that touch it, the patch with the least score whose lattice cell contains the point is returned, else its
-        patch.
+        ``first`` (k,) is that of the ``samples`` (k, q) with the least of the ``scores`` (k, q). Of its patch and those
+        touching it, the patch with the least score whose lattice cell has the point is returned, else its patch.
         """
         patch, candidates = self.dof_map.patch[first], self.dof_map.patch[samples]
         low, high = np.minimum(candidates, patch[:, None]), np.maximum(candidates, patch[:, None])

@@ -39,8 +39,7 @@ class NormalSpread:
     """The share of the manifold under splines whose normals spread: limbs, creases, folds and thin edges."""
 
     unresolved_share: float  #: Share of the manifold's measure under unresolved splines.
-    #: (d,): the node, relative to the lattice's origin, of the spline whose normals cancel most; NaN if all are
-    #: resolved.
+    #: (d,): the node, relative to the lattice's origin, of the spline whose normals cancel most; NaN if none do.
     place: Floats
     #: Share under splines on which the manifold bends about as sharply as the spacing, unresolved ones included.
     bending_share: float
@@ -132,8 +131,8 @@ class Resolution:
         Steady problems -div(a grad u) + c u = f have layers of width sqrt(a / c), with the least a and the largest c,
         along boundaries and rims with conditions (rims with zero flux alone have none). With a tensor a they may be
         anywhere: a is then its smallest eigenvalue in the tangent space, and the width is at most half the extent of
-        the manifold times sqrt(smallest / largest eigenvalue). Other problems, and a that depends on u, count as
-        without layers.
+        the manifold times sqrt(smallest / largest eigenvalue). For other problems, and where a depends on u, it is
+        infinite.
         """
         terms = self.scene.problem.terms()
         if self.scene.problem.family != "steady" or isinstance(terms.diffusivity, StateDiffusivity):

@@ -69,8 +69,7 @@ class InsertedScene:
     sources: Sequence[LocalSource]  #: The boundaries.
     oriented: Sequence[OrientedBoundary]  #: The boundaries with the rule that names their left.
     mesh: Mesh  #: A mesh of flat cells, not yet subdivided.
-    #: mapping of int to (k,) int64: the vertices at boundaries that are points of a surface, by the number of the
-    #: boundary.
+    #: mapping of int to (k,) int64: the vertices at boundaries that are points, by boundary number.
     points: Mapping[int, Ints]
     #: "flat", "closest_point" or "normals": how the cells follow the manifold between their vertices.
     geometry: CellGeometry
@@ -83,8 +82,7 @@ class SampledScene(InsertedScene):
 
     corners: Any  #: (m, k) int32: the vertices of the cells after cutting.
     half: HalfFacets  #: The facets of cells on boundaries and rims.
-    #: Samples or QuantisedSamples: the samples on the manifold, then those on boundaries; quantised once the dof map is
-    #: known.
+    #: Samples or QuantisedSamples: samples on the manifold, then on boundaries; quantised once there is a dof map.
     samples: Samples | QuantisedSamples
     boundary: BoundarySamples  #: The samples on boundaries.
     left: Bools  #: (b,): whether each sample on a boundary is on its left.
@@ -207,7 +205,7 @@ def _repaired_cells(
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[Boundary], spacing: float) -> None:
-    """Raise SceneError if a boundary is not in the mesh, is far away, or lies on one with different conditions."""
+    """Raise SceneError if a boundary is not in the mesh, is far away, or lies on a boundary with other conditions."""
     for number, gap in insertion.max_distances.items():
         if gap > AWAY_SPACINGS * spacing:
             raise SceneError(

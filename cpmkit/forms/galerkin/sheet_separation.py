@@ -32,8 +32,7 @@ class SheetSeparation:
     """
 
     mesh: Mesh  #: The mesh of the manifold.
-    #: given_vertices, given_cells (v, d) float64, (c, k) int64: the source's own mesh, relative to the origin of the
-    #: lattice.
+    #: given_vertices, given_cells (v, d) float64, (c, k) int64: the source's own mesh, relative to the origin.
     given_vertices: Floats
     given_cells: Ints
     spacing: float  #: Spacing h of the lattice.

@@ -22,8 +22,7 @@ from cpmkit.types import SIDES, Floats, Ints
 if TYPE_CHECKING:
     from cpmkit.forms.galerkin.resolution import NormalSpread
 
-#: Values at a crossing that differ by less than this share of their size count as equal: the vertex is not exactly at
-#: the crossing.
+#: Values at a crossing that differ by less than this share of their size count as equal: it is not exactly a vertex.
 DIFFERENT_SHARE = 0.01
 #: A layer of width a / v . b is reported where it is narrower than this share of the spacing.
 OUTFLOW_LAYER_SPACINGS = 0.25

@@ -21,8 +21,8 @@ from cpmkit.scene.scene import Scene
 SAMPLES_PER_UNKNOWN = {1: 30.0, 2: 20.0, 3: 40.0}
 #: Bytes of the factors per unknown of a surface, over the cube root of the number of unknowns (measured).
 FACTORS_BYTES = 540.0
-#: Bytes per unknown of steps in time: the mass matrix, and matrices shifted by it (measured: 2500 in the end, and more
-#: on the way).
+#: Bytes per unknown of steps in time: the mass matrix, and matrices shifted by it (measured: 2500, and more on the
+#: way).
 BYTES_OF_STEPS = 4000.0
 
 

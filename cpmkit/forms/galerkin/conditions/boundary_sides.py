@@ -244,8 +244,7 @@ class OneSidedLimits:
         exactly on the boundary: the first limit is taken unless the second is clearly nearer to :attr:`around`, which
         replaces a limit far from it. On rims, and where the function is smooth across the boundary (its third
         difference is at most its second: a jump would be a smaller error), it is evaluated at the sample itself. The
-        second result is true there too. Raises InputError, which names ``data`` by ``label``, if a value is not
-        positive.
+        second result is true there too. Raises InputError if a value is not positive.
         """
 
         def logarithm(step: Floats | float) -> Floats:

@@ -43,8 +43,7 @@ class AddedTerms:
 
     matrix: csr_array  #: (n, n): the sum of their terms in the matrix.
     load: csr_array  #: (n, k): maps the values of the data of all conditions, one after the other, to the load.
-    #: list of (Data, (k_i, d) float64, str): for each condition the data, the points at which they are evaluated, and
-    #: their label in error messages.
+    #: list of (Data, (k_i, d) float64, str): the data of each condition, their points, and their label in errors.
     data: list[tuple[Data, Floats, str]]
 
     def loads(self, channels: int, time: float | None) -> Floats:

@@ -45,10 +45,9 @@ from cpmkit.types import Floats, Ints
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: The dimensionless penalty B on one side. At 20 matrices are definite for all 12 positions of a lattice, at 15 for
-#: 11; with samples clipped at knot planes a ring on a sphere, a sixth of the spacing above one, has eigenvalues below
-#: zero at 40 and none at 60. From 40 to 60 errors change by -15 to 1 percent, and iterations do not; from 80 on errors
-#: beside tips grow.
+#: The dimensionless penalty B on one side. At 20 matrices are definite for all 12 positions of a lattice, at 15 for 11;
+#: with samples clipped at knot planes a ring on a sphere, h / 6 above one, has negative eigenvalues at 40, none at 60.
+#: From 40 to 60 errors change by -15 to 1 percent, and iterations do not; from 80 on errors beside tips grow.
 NITSCHE_PENALTY = 60.0
 #: The dimensionless penalty B between two sides, and on continuations of boundaries past their tips: with half the
 #: penalty there the error for zero flux on a slit is a third smaller.
@@ -60,8 +59,7 @@ def one_sided_products(
 ) -> tuple[list[tuple[Floats, Floats]], Floats]:
     """Return the products that conditions on one side add to the matrix, and the factors of their data in the load.
 
-    A product is a pair of linear forms (k, 1, 2), of which the transposed product is added too; the factors in the load
-    are such a form.
+    A product is a pair of linear forms (k, 1, 2), and its transpose is added too; the factors in the load are a form.
 
     ``alpha``, ``beta`` (k,): factors of du/db and of u in the conditions, never both zero.
     ``a`` (k,): the diffusivity on this side.

@@ -26,8 +26,7 @@ from cpmkit.scene.laws import Interface, Value
 from cpmkit.types import Bools, Floats, Ints
 
 #: The disc ends where the cosine of the angle between the normals there and at the tip is below this: at 37 degrees.
-#: Normals are those of triangles with a height above the first share of their longest edge, and so many spacings from
-#: the tip.
+#: Normals are those of triangles higher than the first share of their longest edge, and so many spacings from the tip.
 LEAST_COSINE, FLAT_TRIANGLE_SHARE, AT_TIP_SPACINGS = 0.8, 0.05, 0.1
 #: The disc ends where the boundary deviates from its parabola by more than this share of the distance from the tip. The
 #: parabola is fitted to the boundary within so many spacings of the tip.
@@ -118,7 +117,7 @@ class TipDiscFinder:
         return np.asarray(np.linalg.eigh(areas.T @ areas)[1][:, -1])
 
     def _frame(self, tip: int, boundary: int) -> TipDisc:
-        """Return a disc of radius zero, with axes and curvature from a cubic fitted to the boundary near the tip."""
+        """Return a disc of radius 0 without cells, with axes and curvature of a cubic fitted to the boundary nearby."""
         mesh, none, normal = self.mesh, np.zeros(0, dtype=np.int64), self._normal(tip)
         origin, own = mesh.vertices[tip], mesh.owner == boundary
         behind = mesh.vertices[np.unique(mesh.cut[own & ~mesh.beyond_tip])] - origin
@@ -155,7 +154,7 @@ class TipDiscFinder:
         return np.asarray(connected_components(graph, directed=False)[1][: len(cells)])
 
     def _boundary_end(self, frame: TipDisc, boundary: int, tip: int) -> float:
-        """Return the distance from a tip at which its boundary ends, turns back, or leaves its parabola."""
+        """Return the distance from a tip at which its boundary ends, turns back, or leaves its parabola; else inf."""
         own = self.mesh.cut[(self.mesh.owner == boundary) & ~self.mesh.beyond_tip]
         vertices, count = np.unique(own, return_counts=True)
         x, y = frame.plane(self.mesh.vertices[vertices])
@@ -165,9 +164,9 @@ class TipDiscFinder:
         return float(distance[off].min(initial=np.inf))
 
     def _sides(self, frame: TipDisc, cells: Ints) -> Ints:
-        """Return the side (k,) of each of the ``cells``: 1 left of the boundary, -1 right of it, 0 ahead of the tip.
+        """Return the side (k,) of each of the ``cells`` (k,): 1 left of the boundary, -1 right, 0 ahead of the tip.
 
-        Each connected component behind the tip has the side on which most of its cells lie.
+        Each connected component behind the tip has the side on which most of its cells lie, 0 for equally many.
         """
         x, y = frame.plane(self.mesh.vertices[self.mesh.cells[cells]].mean(axis=1))
         behind, sides = np.flatnonzero(x < 0), np.zeros(len(cells), dtype=np.int64)
@@ -260,7 +259,7 @@ def singular_functions(
 
 
 def _kinds(boundary: BoundarySamples, conditions: Sequence[ImposedCondition]) -> Ints:
-    """Return the kind of condition (b,) at each boundary sample: FLUX, VALUE or THROUGH."""
+    """Return the kind of condition (b,) at samples: FLUX, VALUE, or THROUGH for a coupling without resistance."""
     kinds = np.full(len(boundary), FLUX)
     for condition in conditions_with_law(conditions, Value):
         kinds[condition.all_rows] = VALUE

@@ -54,7 +54,7 @@ class LevelSplines:
         return self.candidates & self.is_read_by(~self.subdivided)
 
     def is_read_by(self, patches: Bools) -> Bools:
-        """Return (n,) whether each spline is read by one of the ``patches`` (p,) that are marked."""
+        """Return (n,) whether each spline is read by a patch for which ``patches`` (p,) is true."""
         is_read = np.zeros(self.dof_map.size, dtype=bool)
         is_read[self.dof_map.unknowns[patches]] = True
         return is_read
@@ -84,7 +84,7 @@ def level_splines(first: DofMap, points: Floats, corners: Any, cell: Any, region
 def _finer_level(
     coarse: LevelSplines, number: int, points: Floats, corners: Any, cell: Any, regions: Regions
 ) -> LevelSplines:
-    """Return the splines of level ``number``, the level after ``coarse``."""
+    """Return the splines of level ``number``, the level after ``coarse``; see :func:`level_splines`."""
     from scipy.sparse import csr_array
 
     in_region_or_halo = coarse.is_read_by(coarse.subdivided)[coarse.dof_map.unknowns].any(axis=1)
@@ -131,8 +131,9 @@ def representations(levels: Sequence[LevelSplines], cap: int) -> list[csr_array]
 def prolongation_to(levels: Sequence[LevelSplines], cap: int, coarser: csr_array) -> csr_array:
     """Return the prolongation from the space with the finest level ``cap - 1`` to that with the finest level ``cap``.
 
-    ``coarser`` is the last of the :func:`representations` of the former space. Truncated splines keep their
-    coefficients on finer levels; the coefficients of the splines of level ``cap`` follow from the two-scale relation.
+    It is (m, n) for m and n active splines. ``coarser`` is the last of the :func:`representations` of the former space.
+    Truncated splines keep their coefficients on finer levels; the coefficients of the splines of level ``cap`` follow
+    from the two-scale relation.
     """
     from scipy.sparse import csr_array, vstack
 

@@ -50,7 +50,7 @@ class RefinedDofMap(DofMap):
         return np.asarray(2.0**level * (points + shift_of(self.spacing, level)))
 
     def reduce(self, patch: Ints, points: Floats) -> Floats:
-        """Return the points that :meth:`magnify` maps to ``points`` (..., d)."""
+        """Return the points that :meth:`magnify` maps to ``points`` (..., d), each in the patch ``patch`` (...)."""
         level = self.levels[patch][..., None]
         return np.asarray(0.5**level * points - shift_of(self.spacing, level))
 
@@ -195,7 +195,7 @@ def build_refined_space(
 def _build_refined_dof_map(
     samples: Samples, corners: Any, levels: Sequence[LevelSplines], regions: Regions
 ) -> tuple[RefinedDofMap, list[Ints]]:
-    """Return the dof map of the magnified levels, and the numbers of the splines of each level that it contains."""
+    """Return the dof map of the magnified levels, and for each level the numbers (k_l,) of its splines in that map."""
     level_of_sample = regions.levels(samples.points)
     code, cell_count = np.empty(len(samples), dtype=np.int64), 0
     for number in range(len(levels)):

@@ -45,7 +45,7 @@ class Regions:
         """Return (q,) the finest level of the splines at or around each of the ``points`` (q, d).
 
         Points are relative to the lattice's origin. Around means displaced along all axes, with any signs, by the share
-        ``around`` of the spacing of the level before.
+        ``around`` of the spacing of the level before; with 0 the point alone counts.
         """
         level_of_point, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
         signs = 2 * np.indices((2,) * self.dim).reshape(self.dim, -1).T - 1 if around else np.zeros((1, self.dim))
@@ -59,8 +59,7 @@ class Regions:
     def with_subdivided(self, levels: Ints, cells: Ints, most: int) -> Regions:
         """Return regions in which also the ``cells`` (k, d) of ``levels`` (k,), below ``most``, are subdivided.
 
-        Their neighbours are subdivided too, and cells of coarser levels until neighbouring cells differ by at most one
-        level.
+        Their neighbours are subdivided too, and coarser cells until neighbouring cells differ by at most one level.
         """
         codes = [
             self.subdivided[level] if level < self.finest else np.zeros(0, dtype=np.int64) for level in range(most)
@@ -82,7 +81,7 @@ class Regions:
 
 
 def codes_of_cells(cells: Ints) -> Ints:
-    """Return (k,) an integer code for each of the ``cells`` (k, d), different for different cells."""
+    """Return (k,) an integer code for each of the ``cells`` (k, d), unique for entries from -2^20 to 2^20 - 1."""
     code = np.zeros(len(cells), dtype=np.int64)
     for column in cells.T:
         code = (code << BITS) + column + HALF
@@ -145,9 +144,9 @@ def _is_long(mesh: Mesh, regions: Regions, near_codes: Ints, spacings: float) ->
 
 
 def _with_longest(long: Bools, mesh: Mesh) -> Bools:
-    """Return ``long`` (e,) in which the longest edge of each triangle with a marked edge is marked too.
+    """Return ``long`` (e,), changed in place, with the longest edge of each triangle with a marked edge marked too.
 
-    The array is changed; marking is repeated until no triangle has a marked edge but not its longest.
+    Marking is repeated until the longest edge of each triangle with a marked edge is marked.
     """
     of_cells = mesh.edges.of_cells
     longest = of_cells[np.arange(len(of_cells)), mesh.lengths_of_cells.argmax(axis=1)]
@@ -163,9 +162,10 @@ def _with_longest(long: Bools, mesh: Mesh) -> Bools:
 def graded_samples(
     mesh: Mesh, regions: Regions, sampling: str, geometry: CellGeometry, further: Samples | None
 ) -> Samples:
-    """Return the samples of triangles in the order of the triangles, followed by the samples ``further``.
+    """Return the samples of triangles in the order of the triangles, followed by the samples ``further``, if any.
 
-    Each triangle is clipped at the knot planes of the finest level at its corners and its centroid.
+    Each triangle is clipped at the knot planes of the finest level at its corners and its centroid, if
+    :func:`triangles_to_clip` selects it for the option ``sampling`` and the ``geometry`` of cells.
     """
     middle = mesh.vertices[mesh.cells].mean(axis=1)
     corners = [mesh.vertices[vertices] for vertices in mesh.cells.T]
@@ -195,7 +195,7 @@ def _samples_of_level(
 
 
 def shift_of(spacing: float, level: Any) -> Any:
-    """Return the distance along each axis from node 0 of a level's lattice to node 0 of level 0."""
+    """Return the distance along each axis from node 0 of the lattice of ``level`` (integers) to node 0 of level 0."""
     return 0.5 * spacing * (1 - 0.5**level)
 
 

@@ -140,8 +140,8 @@ def energy_data(
 ) -> Floats:
     """Return the entries (z,) of the matrix of energy, mass and derivatives along normals, summed over the samples.
 
-    They are in the sparsity pattern of ``space``, without ghost penalty and floor. ``a`` or ``c`` is None where there
-    is no such term; ``scale`` is that of `stiffness_with_floor`.
+    They are in the sparsity pattern of ``space``, without ghost penalty and floor. The arguments are those of
+    `stiffness_with_floor`; ``a`` or ``c`` is None where there is no such term.
     """
     d, dof_map = space.samples.places.shape[1], space.dof_map
     scalars, tensors = np.zeros(0), np.zeros((0, d, d))
@@ -190,9 +190,10 @@ def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisati
 def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Floats) -> None:
     """Add the floor, a penalty on differences of unknowns with little energy, to the matrix entries ``data`` (z,).
 
-    ``diagonal`` (n,) is that of the energy, without ghost penalty and conditions. The differences are along the lines
-    through these unknowns inside a patch. For splines of degree 1 these would penalise slopes: then the floor is on
-    second differences along runs, and only beside boundaries, since elsewhere it would only cost iterations.
+    It is proportional to ``a``. ``diagonal`` (n,) is that of the energy, without ghost penalty and conditions. The
+    differences are along the lines through these unknowns inside a patch. For splines of degree 1 these would penalise
+    slopes: then the floor is on second differences along runs, and only beside boundaries, since elsewhere it would
+    only cost iterations.
     """
     means = space.means_at_unknowns(scalar_coefficient(space, a))
     ratio = diagonal / means
@@ -213,7 +214,7 @@ def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Flo
 def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Floats) -> None:
     """Add squared differences of order k - 1 along ``runs`` (r, k), times ``factors`` (r,), to the entries ``data``.
 
-    Each run is a sequence of k unknowns along an axis.
+    Each run is a sequence of k unknowns along an axis; ``data`` (z,) are those of a matrix of the space.
     """
     from cpmkit.forms.galerkin.space.pattern_kernels import add_squares
     from cpmkit.runtime.index_sets import inverse_index

@@ -137,8 +137,8 @@ def third_form(
 def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, weight: float, C: Floats) -> None:
     """Fill ``C`` (3, 3) with ``weight`` times (P A P + e1 a (I - P)), P the projection onto the tangent space.
 
-    ``normals`` (c, d) are orthonormal; A is ``tensors[q]``, or ``tensors[0]`` if there is one for all samples, or a
-    times the identity where ``tensors`` is empty.
+    ``normals`` (c, d) are orthonormal; A is ``tensors[q]`` of sample ``q``, or ``tensors[0]`` if there is one for all
+    samples, or a times the identity where ``tensors`` is empty.
     """
     codim, d = normals.shape
     for i in range(d):
@@ -173,7 +173,8 @@ def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, wei
 def add_products(forms: Floats, splines: Any, count: int, width: int, block: Floats) -> None:
     """Add the outer products of the first ``count`` pairs of rows of ``forms`` to the upper half of ``block``.
 
-    ``count`` is a multiple of `SWEEP`; ``width`` is the number of splines that a patch reads.
+    ``count`` is a multiple of `SWEEP`; ``width`` is the number of splines of a patch. ``block`` (room^2,) has rows of
+    length room = `row_length`.
     """
     room = row_length(splines)
     for i in range(splines_read(splines)):  # a constant number, so that the compiler lays out each row for itself
@@ -217,8 +218,7 @@ def add_energy(
     splines e3 h^4 a times the square of the third derivative along n is added too.
 
     ``unknowns`` (p, w): the unknowns that each patch reads.
-    ``spacing``: h.
-    ``splines``, tuple: that of the degree in `SPLINES`.
+    ``spacing``, ``splines``: h, and the tuple of the degree in `SPLINES`.
     ``order``, ``start`` (q,), (p + 1,): the samples sorted by patch, and where the samples of each patch start.
     ``places``, ``weights``, ``directions``: as in `QuantisedSamples`.
     ``a`` (q,), (1,) or (0,): at the samples, constant, or absent: then only the term with c is added.

@@ -104,7 +104,7 @@ class FunctionSpace:
         return self.restrict_rows(value_rows(self.dof_map, patch, points))
 
     def spline_derivative_rows(self, patch: Ints, points: Floats, directions: Floats) -> csr_array:
-        """Return the matrix (k, spline_count) of derivatives of the splines along ``directions`` (k, d)."""
+        """Return the matrix (k, spline_count) of spline derivatives along ``directions`` (k, d) at ``points``."""
         return self.restrict_rows(derivative_rows(self.dof_map, patch, points, directions))
 
     def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> csr_array:
@@ -174,8 +174,7 @@ class FunctionSpace:
     def extend_matrix(self, matrix: csr_array, a: Floats | None, c: Floats | None) -> csr_array:
         """Return a ``matrix`` over the splines extended by the functions beside the splines, (n, n).
 
-        Its further entries are the integrals of a grad u . grad v + c u v. ``a`` and ``c`` are (q,) at all samples or
-        (1,); None where there is no such term.
+        Its further entries are the integrals of a grad u . grad v + c u v, a and c (q,) or (1,), None for no such term.
         """
         del a, c
         return matrix
@@ -214,7 +213,7 @@ class FunctionSpace:
         """Return the solutions u (n, k) of (M + h^2 S) u = ``loads``.
 
         The ``loads`` (n, k) are integrals of k functions times each function of the space. The condition number stays
-        below about 200 at any spacing, so that conjugate gradients preconditioned by the diagonal are faster than a
+        below about 200 at any spacing, so that diagonally preconditioned conjugate gradients are faster than a
         factorisation.
         """
         u, inverse_diagonal = np.zeros_like(loads), 1 / self.projection_matrix.diagonal()[:, None]

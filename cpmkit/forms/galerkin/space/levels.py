@@ -30,8 +30,7 @@ def two_scale(
 ) -> tuple[Any, Any, Any]:
     """Return the row pointers (n + 1,), ascending columns (z,) and weights (z,) of the prolongation P (n, m), in CSR.
 
-    ``cells``, ``unknowns`` (p, d), (p, (degree + 1)^d): lattice cells of the finer patches, and the unknowns that they
-        read.
+    ``cells``, ``unknowns`` (p, d), (p, (degree + 1)^d): cells of the finer patches, and the unknowns that they read.
     ``n``: number of finer unknowns.
     ``parent`` (p,): the coarser patch that contains each finer patch.
     ``coarse_cells``, ``coarse_unknowns``: lattice cells of the coarser patches, and the unknowns that they read.
@@ -108,8 +107,7 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
 
     A spline of degree p and spacing 2h at node J is the sum of p + 2 splines of spacing h at the nodes from 2J + p // 2
     - p on along every axis, with the binomials of p + 1 over 2^p as coefficients: (1, 3, 3, 1)/4 for degree 2. Rows of
-    P sum to 1. A coarser patch is a connected component of the touching patches in one coarser cell. Samples keep their
-    order.
+    P sum to 1. A coarser patch is a connected component of touching patches in a coarser cell.
     """
     from scipy.sparse import csr_array
 

@@ -150,7 +150,7 @@ def add_squares(runs: Ints, starts: Ints, places: Any, stencil: Floats, factors:
 def scatter(
     block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats, standing: Any, symmetric: bool
 ) -> None:
-    """Add a dense ``block`` (k room,) to a sparse matrix in CSR format; a ``symmetric`` one has the upper half only.
+    """Add a dense ``block`` (k room,) to the ``data`` of a CSR matrix; a ``symmetric`` block has the upper half only.
 
     ``columns`` (k,) are the unknowns of its rows and columns, ``room`` is the length of its rows. ``standing`` (n,) is
     work space for the position of each column in a row of the matrix.

@@ -29,8 +29,7 @@ class QuantisedSamples:
     """Samples stored as fixed-point numbers, relative to the lattice cells of their patches."""
 
     dof_map: DofMap  #: The dof map of these samples.
-    #: (q, d) int32, float64 for curves: position relative to the node at the centre of the patch's lattice cell, in
-    #: units of `PLACE_UNIT` spacings.
+    #: (q, d) int32, float64 for curves: position relative to the centre of the patch's cell, in `PLACE_UNIT` spacings.
     places: Any
     #: (q, c, e) int32, float64 for curves: the normals in units of `NORMAL_UNIT`, orthonormalised when they are
     #: decoded. For surfaces e = 2: a position on the octahedron |x| + |y| + |z| = 1 unfolded into a square; for curves

@@ -48,7 +48,7 @@ POLYNOMIALS = _polynomials()
 
 @inlined
 def splines_read(splines: Any) -> int:
-    """Return the number of splines that a cell in space reads: a constant for the compiler."""
+    """Return the number of splines that a cell in space reads, a constant for the compiler: len(``splines``) cubed."""
     return len(splines) ** 3
 
 
@@ -60,7 +60,11 @@ def row_length(splines: Any) -> int:
 
 @inlined
 def derivative_of(splines: Any, kind: int, axis: int, order: int, i: int, t: float) -> Any:
-    """Return the derivative of ``order`` 0 to 3 at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
+    """Return the derivative of ``order`` 0 to 3 at ``t`` of the factor along ``axis`` of spline ``i`` of a cell.
+
+    ``t`` in [0, 1] is the coordinate in the cell, and derivatives are by it; ``kind`` is 0 in the plane and 1 in space;
+    the length of the tuple ``splines`` is the degree plus one.
+    """
     T, p, last = POLYNOMIALS, len(splines) - 2, max(len(splines) - 1 - order, 0)
     value = T[p, kind, axis, order, last, i]
     for k in range(last):
@@ -70,19 +74,19 @@ def derivative_of(splines: Any, kind: int, axis: int, order: int, i: int, t: flo
 
 @inlined
 def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return the value at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
+    """Return the value at ``t`` of the factor along ``axis`` of spline ``i``; arguments as of `derivative_of`."""
     return derivative_of(splines, kind, axis, 0, i, t)
 
 
 @inlined
 def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return the derivative at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
+    """Return the derivative at ``t`` of the factor along ``axis`` of spline ``i``; arguments as of `derivative_of`."""
     return derivative_of(splines, kind, axis, 1, i, t)
 
 
 @inlined
 def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return the second derivative at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
+    """Return the second derivative at ``t`` of the factor along ``axis`` of spline ``i``, as `derivative_of` does."""
     return derivative_of(splines, kind, axis, 2, i, t)
 
 
@@ -121,7 +125,8 @@ def add_load(
     """Add sum_q weights[q] f[q] N_j(y_q) to each row j of ``load`` (n, channels), for the splines N_j.
 
     ``f`` is (q, channels), or (1, channels) where it is constant; ``places`` (q, d) are those of `QuantisedSamples`.
-    Consecutive samples in the same ``patch`` (q,) are summed before they are added to ``load``.
+    Consecutive samples in the same ``patch`` (q,), which reads ``unknowns`` (p, w), are summed before they are added.
+    ``splines`` and ``third`` have the lengths of the numbers of splines along the first two axes and the third.
     """
     width, channels, last = unknowns.shape[1], load.shape[1], len(places) - 1
     along, depth = len(splines), len(third)
@@ -156,7 +161,7 @@ def add_load(
 def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: Any, u: Floats, values: Floats) -> None:
     """Fill ``values`` (q, channels) with those of the splines with coefficients ``u`` (n, channels) at samples.
 
-    ``places`` (q, d) are those of `QuantisedSamples`, and ``patch`` (q,) are the patches of the samples.
+    The other arguments are those of :func:`add_load`.
     """
     channels = u.shape[1]
     along, depth = len(splines), len(third)
@@ -225,7 +230,8 @@ def read_slopes(
 ) -> None:
     """Fill ``slopes`` (q, channels, d) with the tangential gradients at samples.
 
-    ``u`` (n, channels) are coefficients of splines; ``places`` and ``directions`` are those of `QuantisedSamples`.
+    ``u`` (n, channels) are coefficients of splines; ``directions`` are those of `QuantisedSamples`, the other arguments
+    those of :func:`add_load`. ``spacing`` is h.
     """
     channels, d = u.shape[1], places.shape[1]
     along, depth = len(splines), len(third)
@@ -279,7 +285,7 @@ def add_slope_load_of_samples(
 ) -> None:
     """Add sum_q weights[q] field[q] . grad N_j(y_q) over the first samples to ``load`` (n,), for the splines N_j.
 
-    Only the tangential part of ``field`` (q, d) is used; ``places`` and ``directions`` are those of `QuantisedSamples`.
+    Only the tangential part of ``field`` (q, d) is used; the other arguments are those of :func:`read_slopes`.
     """
     width, d, last = unknowns.shape[1], places.shape[1], len(field) - 1
     along, depth = len(splines), len(third)

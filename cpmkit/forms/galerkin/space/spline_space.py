@@ -129,8 +129,7 @@ class SplineSpace:
     #: (s, degree + 1) int32: sequences of degree + 1 unknowns along an axis inside one patch: through each unknown that
     #: is in no run, and, for curves in space, along axes on which a piece of the curve stays in one layer of cells.
     short_runs: Any
-    #: indptr, indices (n + 1,), (z,) int32 or int64: the sparsity pattern of every matrix in CSR format, columns
-    #: ascending.
+    #: indptr, indices (n + 1,), (z,) int32 or int64: the sparsity pattern of matrices in CSR, columns ascending.
     indptr: Any
     indices: Any
 
