@@ -12,10 +12,7 @@ from cpmkit.plugin import Floats, InputError, as_positions, as_vector, shown
 def as_position(x: Any, label: str) -> Floats:
     """Return ``x`` as (2,) or (3,) float64.
 
-    Raises
-    ------
-    InputError
-        If it is not 2 or 3 numbers, or distances between such points cannot be squared.
+    Raise InputError if it is not 2 or 3 numbers, or distances between such points cannot be squared.
     """
     if (
         not isinstance(x, (list, tuple, np.ndarray))
@@ -29,22 +26,13 @@ def as_position(x: Any, label: str) -> Floats:
 def as_place(x: Any, dim: int, label: str) -> Floats:
     """Return ``x`` as a (dim,) position.
 
-    Raises
-    ------
-    InputError
-        If it is not ``dim`` numbers, or distances between such points cannot be squared.
+    Raise InputError if it is not ``dim`` numbers, or distances between such points cannot be squared.
     """
     return as_positions(as_vector(x, dim, label)[None], dim, label)[0]
 
 
 def as_direction(x: Any, dim: int, label: str) -> Floats:
-    """Return ``x`` as a (dim,) unit vector.
-
-    Raises
-    ------
-    InputError
-        If it is not ``dim`` finite numbers, or all are zero.
-    """
+    """Return ``x`` as a (dim,) unit vector; raise InputError if it is not ``dim`` finite numbers, or all are zero."""
     vector = as_vector(x, dim, label)
     largest = np.abs(vector).max()
     if largest == 0:

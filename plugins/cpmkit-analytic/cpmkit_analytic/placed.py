@@ -73,10 +73,7 @@ class Placed:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d).
 
-        Raises
-        ------
-        InputError
-            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         q = self._to_shape(as_points(x, self.dim))
         feet = self.shape.feet(q)

@@ -32,10 +32,7 @@ class Crossings(NamedTuple):
 def find_crossings(cut: LevelCut) -> Crossings:
     """Return points of the cut, a few in each spacing, and its ends on the edge.
 
-    Raises
-    ------
-    InputError
-        If the function does not change its sign on the manifold.
+    Raise InputError if the function does not change its sign on the manifold.
     """
     seeds, values = sample_near_zero(cut)
     low, high = _opposite_neighbours(seeds.points, values, SIGN_CHANGE_SPACINGS * cut.spacing)

@@ -78,10 +78,7 @@ class TracedCurve:
         ``element`` is the cubic of the foot, ``local`` (n, 1) its parameter from 0 to 1, and ``edge`` 0 at the start
         and 1 at the end of an open piece.
 
-        Raises
-        ------
-        InputError
-            If ``x`` does not have shape (n, d) or is not finite.
+        Raise InputError if ``x`` does not have shape (n, d) or is not finite.
         """
         x = as_points(x, self.dim) - self.shift
         element, s = self._cubics.nearest(x)

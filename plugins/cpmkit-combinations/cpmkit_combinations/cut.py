@@ -142,10 +142,7 @@ def _points(cut: LevelCut) -> PointSet:
 def check_cuttable(surface: Any, label: str) -> None:
     """Refuse an object that is neither a surface nor a curve; ``label`` names it in the message.
 
-    Raises
-    ------
-    InputError
-        If ``surface`` is no source, or has another dimension.
+    Raise InputError if ``surface`` is no source, or has another dimension.
     """
     check_source(surface, label)
     if surface.manifold_dim not in (1, 2):

@@ -67,10 +67,7 @@ class PositionFunction:
     def __call__(self, y: Floats) -> Floats:
         """Return the values (n,) at points (n, d) relative to the origin.
 
-        Raises
-        ------
-        InputError
-            If the function fails, or does not return one finite number a point.
+        Raise InputError if the function fails, or does not return one finite number a point.
         """
         values = self.values_unchecked(y)
         bad = np.flatnonzero(~np.isfinite(values))
@@ -116,10 +113,7 @@ class PositionFunction:
 def plane_distance(point: Any, normal: Any, dim: int) -> PlaneDistance:
     """Return the signed distance from a plane, in 2D from a line.
 
-    Raises
-    ------
-    InputError
-        If a vector has another length than ``dim``, is not finite, or the normal is zero.
+    Raise InputError if a vector has another length than ``dim``, is not finite, or the normal is zero.
     """
     base, direction = as_vector(point, dim, "point"), as_vector(normal, dim, "normal")
     if not direction.any():
@@ -131,10 +125,7 @@ def plane_distance(point: Any, normal: Any, dim: int) -> PlaneDistance:
 def position_function(function: Any, dim: int, label: str) -> Callable[[Floats], Any]:
     """Return ``function`` if it is callable, or the formula in the string ``function``; ``label`` is for messages.
 
-    Raises
-    ------
-    InputError
-        If it is neither.
+    Raise InputError if it is neither.
     """
     if isinstance(function, str):
         formula = Expression(function, dim)

@@ -58,10 +58,7 @@ class Moved(Wrapper):
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d); ``edge``, ``element``, ``local`` are those of the source inside.
 
-        Raises
-        ------
-        InputError
-            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         return self._world_record(self.of.closest_point(self._to_inner(as_points(x, self.dim))))
 

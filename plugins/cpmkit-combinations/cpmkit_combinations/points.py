@@ -63,10 +63,7 @@ class PointSet:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d); ``element`` is the number of the point.
 
-        Raises
-        ------
-        InputError
-            If ``x`` does not have shape (n, d) or is not finite.
+        Raise InputError if ``x`` does not have shape (n, d) or is not finite.
         """
         x = as_points(x, self.dim)
         element = self._tree.query(x - self.shift)[1].astype(np.int64)

@@ -61,10 +61,7 @@ class Solid(Wrapper):
 
         ``edge`` is -1 inside and 0 outside; where a union encloses the solid, 1000 times the number of the member.
 
-        Raises
-        ------
-        InputError
-            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         x = as_points(x, self.dim)
         feet, inside = self._feet_and_inside(x)
@@ -164,10 +161,7 @@ def solid(*, of: ClosestPointSource) -> Any:
 def _outward_sign(part: ClosestPointSource) -> float:
     """Return 1 if the normals of a closed hypersurface point outwards, else -1.
 
-    Raises
-    ------
-    InputError
-        If it is no closed hypersurface with normals.
+    Raise InputError if it is no closed hypersurface with normals.
     """
     if part.manifold_dim != part.dim - 1:
         raise InputError(

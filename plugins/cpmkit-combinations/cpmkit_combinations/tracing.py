@@ -57,10 +57,8 @@ class Knots:
 def trace(cut: LevelCut) -> list[Knots]:
     """Return the pieces of the cut of a surface, the longest first.
 
-    Raises
-    ------
-    InputError
-        If there is none, or it cannot be traced: where it branches, touches itself, or is too small for the spacing.
+    Raise InputError if there is none, or it cannot be traced: where it branches, touches itself, or is too small for
+    the spacing.
     """
     crossings = find_crossings(cut)
     inside, converged = cut.project(_thin_out(crossings.inside, 0.5 * cut.spacing))

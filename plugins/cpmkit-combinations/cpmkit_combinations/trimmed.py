@@ -98,10 +98,7 @@ class Trimmed(Wrapper):
         whole in their order; on a curve it is 0 at the start and 1 at the end. A foot is ``doubtful`` where the closest
         point of the whole is cut away and not every part that may be nearest instead was searched.
 
-        Raises
-        ------
-        InputError
-            If ``x`` does not have shape (n, d) or is not finite.
+        Raise InputError if ``x`` does not have shape (n, d) or is not finite.
         """
         x = as_points(x, self.dim)
         feet = self.of.closest_point(x)

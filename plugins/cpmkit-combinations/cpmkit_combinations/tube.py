@@ -86,10 +86,7 @@ class Tube:
 
         On the curve itself all directions across it are equal, and the feet are ``doubtful``.
 
-        Raises
-        ------
-        InputError
-            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         x = as_points(x, self.dim)
         middle = self.around.closest_point(x)
@@ -116,10 +113,7 @@ class Tube:
 
         Triangles are wound counterclockwise as seen from outside; segments have the outside on their right.
 
-        Raises
-        ------
-        InputError
-            If the curve itself cannot be drawn.
+        Raise InputError if the curve itself cannot be drawn.
         """
         sweep = sweep_curves(_polylines(self.around, positive(spacing, "spacing")), self.radius, spacing)
         return self.closest_point(sweep.points).points, sweep.cells

@@ -72,10 +72,8 @@ class Union:
         ``element`` is the number of the member, and ``edge`` the edge number on the member plus its ``first_edges``:
         1000 for each member before it, more for members with more edges.
 
-        Raises
-        ------
-        InputError
-            If ``x`` holds NaN or infinity, its shape is not (n, d), or a member numbers an edge beyond its limit.
+        Raise InputError if ``x`` holds NaN or infinity, its shape is not (n, d), or a member numbers an edge beyond its
+        limit.
         """
         x = as_points(x, self.dim)
         # An end that lies in another member is as near as this member, up to rounding, and is no edge there.
@@ -111,10 +109,8 @@ class Union:
 
         A member without local minima contributes its closest points.
 
-        Raises
-        ------
-        InputError
-            If ``x`` holds NaN or infinity, its shape is not (n, d), or ``radius`` is not a number above zero.
+        Raise InputError if ``x`` holds NaN or infinity, its shape is not (n, d), or ``radius`` is not a number above
+        zero.
         """
         x, radius = as_points(x, self.dim), positive(radius, "radius")
         answers = [local_minima_of(member, x, radius) for member in self.members]
@@ -183,9 +179,8 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
     Where members of different dimensions meet, or are nearer than four spacings, the solution is continuous, but no law
     of the equation determines the flux from one to the other: it depends on the spacing, however small. Solutions and
     explanations name the members, such a solution has no error estimate, and a tolerance, seconds or memory in place of
-    a spacing is refused.
-    A union has the abilities that all its members have; normals, tangents and local minima only if the members'
-    dimensions agree, since in a mixed union the solver queries the members.
+    a spacing is refused. A union has the abilities that all its members have; normals, tangents and local minima only
+    if the members' dimensions agree, since in a mixed union the solver queries the members.
 
     Parameters
     ----------

@@ -89,13 +89,7 @@ class CellMesh:
         return longest
 
     def check(self) -> None:
-        """Refuse a mesh without cells, or with cells without a measure.
-
-        Raises
-        ------
-        InputError
-            If so.
-        """
+        """Refuse a mesh without cells, or with cells without a measure; raise InputError if so."""
         if not len(self.cells):
             raise InputError("backend='fem' needs triangles with three different corners, got none.")
         if self.manifold_dim == 1:

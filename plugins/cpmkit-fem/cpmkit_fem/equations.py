@@ -36,12 +36,7 @@ class Equations(OnNodes):
     def stiffness(self, terms: Terms) -> VertexOperator:
         """Return A, the integrals of a grad u . grad v + c u v, and over the rim of a beta / alpha u v.
 
-        Raises
-        ------
-        SceneError
-            If there is a velocity.
-        InputError
-            If a diffusivity is not above zero.
+        Raise SceneError if there is a velocity. Raise InputError if a diffusivity is not above zero.
         """
         if terms.velocity is not None:
             kind = self.scene.problem.kind

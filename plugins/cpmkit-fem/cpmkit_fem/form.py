@@ -82,10 +82,7 @@ class FiniteElements(Equations):
 
         On a boundary the side is ``side``, or left.
 
-        Raises
-        ------
-        InputError
-            If a point is not finite, or a side is neither left nor right of a boundary of the scene.
+        Raise InputError if a point is not finite, or a side is neither left nor right of a boundary of the scene.
         """
         queries = as_points(points, self.scene.surface.dim)
         if self.mesh.curved:

@@ -23,10 +23,8 @@ THROUGH_VERTEX_SHARE = 1e-6
 def pinned_vertices(scene: Scene, mesh: CellMesh) -> Sequence[RimPart]:
     """Return the vertices nearest to each boundary, with its law.
 
-    Raises
-    ------
-    SceneError
-        If a boundary has other conditions than one Dirichlet condition on both sides, or lies off the mesh.
+    Raise SceneError if a boundary has other conditions than one Dirichlet condition on both sides, or lies off the
+    mesh.
     """
     return [_nearest_part(boundary, mesh) for boundary in scene.boundaries]
 

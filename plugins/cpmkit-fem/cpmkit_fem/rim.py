@@ -129,10 +129,7 @@ class RimPart:
 def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
     """Return the parts of the rim without the facets ``besides`` (b, corners); none if the mesh is closed.
 
-    Raises
-    ------
-    SceneError
-        If a loop is not in the scene's table, or no part of the edge covers a place of it.
+    Raise SceneError if a loop is not in the scene's table, or no part of the edge covers a place of it.
     """
     facets, opposite = rim_facets(mesh, besides)
     if not len(facets):

@@ -137,10 +137,7 @@ class Tie:
 def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
     """Return the ties of the boundaries whose law couples their sides; none where the mesh is not ``cut``.
 
-    Raises
-    ------
-    SceneError
-        If a boundary has only one side somewhere, as on the surface's rim, or is a point.
+    Raise SceneError if a boundary has only one side somewhere, as on the surface's rim, or is a point.
     """
     ties = []
     for number, boundary in enumerate(scene.boundaries):

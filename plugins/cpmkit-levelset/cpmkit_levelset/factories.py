@@ -212,10 +212,7 @@ def goursat(
 def as_box(bounds: Any) -> Floats:
     """Return ``bounds`` as a (2, d) array of a lower and an upper corner.
 
-    Raises
-    ------
-    InputError
-        If they are anything else.
+    Raise InputError if they are anything else.
     """
     try:
         lower, upper = bounds

@@ -142,10 +142,7 @@ def _letters(shape: tuple[int, ...]) -> str:
 def check_gradient(field: FunctionField, box: Floats) -> None:
     """Compare the user's gradient with differences of phi at some points of ``box`` (2, d).
 
-    Raises
-    ------
-    InputError
-        If they disagree by a thousandth at more than half of the points: it is not the gradient of phi.
+    Raise InputError if they disagree by a thousandth at more than half of the points: it is not the gradient of phi.
     """
     p = np.random.default_rng(0).uniform(box[0], box[1], (64, field.dim))
     given = field.gradient(p)[1]

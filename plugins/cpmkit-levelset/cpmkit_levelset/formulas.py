@@ -54,10 +54,7 @@ class FormulaField:
 def formula_field(text: Any, dim: int, label: str) -> FormulaField:
     """Return the formula ``text`` with its first two derivatives.
 
-    Raises
-    ------
-    SceneError
-        If it does not parse, is too long, uses what is not offered, or what has no second derivative.
+    Raise SceneError if it does not parse, is too long, uses what is not offered, or what has no second derivative.
     """
     names = COORDINATES[:dim]
     tree = formula_tree(text, names, label)

@@ -93,14 +93,10 @@ class LevelSet:
         """Return the closest points of ``x`` (n, d).
 
         ``edge`` is 0 where the foot lies on the edge of a trimmed surface; of a trimmed curve, 0 or 1, its ends by
-        increasing coordinates. Feet are ``doubtful`` where not every
-        sample that may lead to a nearer point could be tried, or Newton's method did not converge: they lie on the
-        surface, and nothing nearer was found.
+        increasing coordinates. Feet are ``doubtful`` where not every sample that may lead to a nearer point could be
+        tried, or Newton's method did not converge: they lie on the surface, and nothing nearer was found.
 
-        Raises
-        ------
-        InputError
-            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         x = as_points(x, self.dim) - self.shift
         points, distance = np.empty_like(x), np.empty(len(x))
@@ -198,11 +194,8 @@ class LevelSet:
 def level_set(field: Field, trim: Field | None, box: Floats, resolution: int) -> LevelSet:
     """Return the level set of ``field`` in ``box`` (2, d), sampled with ``resolution`` cells along its longest side.
 
-    Raises
-    ------
-    InputError
-        If phi is not finite on the lattice of samples, has no zero set there, or one that runs out of the box; or if
-        ``trim`` leaves nothing of it.
+    Raise InputError if phi is not finite on the lattice of samples, has no zero set there, or one that runs out of the
+    box; or if ``trim`` leaves nothing of it.
     """
     size = float(norms((box[1] - box[0])[None])[0])
     spacing = float((box[1] - box[0]).max()) / resolution

@@ -44,10 +44,7 @@ class SampleLattice:
 def sample_lattice(field: Field, bounds: Floats, spacing: float) -> SampleLattice:
     """Return a lattice that fits into ``bounds``, spaced by at most ``spacing``, with the values of ``field`` on it.
 
-    Raises
-    ------
-    InputError
-        If a value is not finite.
+    Raise InputError if a value is not finite.
     """
     extent = bounds[1] - bounds[0]
     # the tolerance keeps a box of whole spacings from getting a cell more by rounding
@@ -71,10 +68,7 @@ def surface_samples(zero_set: ZeroSet, lattice: SampleLattice) -> Floats:
     each point of the level set has such a node. Where phi vanishes together with its gradient nothing is
     found: that is not part of the level set.
 
-    Raises
-    ------
-    InputError
-        If there is no such point.
+    Raise InputError if there is no such point.
     """
     nodes = lattice.nodes
     reach = float(norms(lattice.spacing[None])[0])

@@ -24,7 +24,7 @@ class BoxTree:
     boxes : (nodes, 6) float64
         The lowest and the highest corner of each node's box.
     nodes : (nodes, 2) uint64
-        See :func:`cpmkit_mesh.box_tree_kernels.build`.
+        Of an inner node 0 and its first child, the second follows it; of a leaf the number of its slots and the first.
     order : (m,) int64
         The primitive in each slot.
     frames : (m, 3, 3) float64
@@ -42,16 +42,18 @@ class BoxTree:
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """The nearest points of n queries.
+    """The nearest points of n queries on the primitives of a tree.
 
     Attributes
     ----------
     slot : (n,) int64
-        The primitive on which each lies.
+        The slot in the tree of the primitive on which each lies.
     local : (n, 2) float64
-        Its coordinates along the first two edges of the primitive.
+        v, w of the point p + v a + w b of the primitive with first corner p and edges a, b from it; w = 0 on a segment.
     point : (n, 3) float64
+        The nearest points.
     distance : (n,) float64
+        Their distances from the queries.
     """
 
     slot: Ints
@@ -61,17 +63,17 @@ class Nearest:
 
     @classmethod
     def empty(cls, n: int, slot: Ints | None = None) -> Nearest:
-        """Return a record of ``n`` points for kernels to fill; the slots may be known."""
+        """Return a record of ``n`` points with uninitialised arrays for kernels to fill; ``slot`` (n,) is kept."""
         slot = np.empty(n, dtype=np.int64) if slot is None else slot
         return cls(slot, np.empty((n, 2)), np.empty((n, 3)), np.empty(n))
 
     def take(self, index: Ints | Bools) -> Nearest:
-        """Return the points at ``index``."""
+        """Return the rows at ``index``, row numbers or a mask (n,)."""
         return Nearest(self.slot[index], self.local[index], self.point[index], self.distance[index])
 
 
 def build_tree(corners: Floats) -> BoxTree:
-    """Return the tree over triangles with ``corners`` (m, 3, 3); a segment is one whose last two corners agree."""
+    """Return the bounding box tree over triangles with ``corners`` (m, 3, 3); in a segment the last two agree."""
     from cpmkit_mesh import box_tree_kernels, query_kernels
 
     boxes, nodes, order = box_tree_kernels.build(corners.min(axis=1), corners.max(axis=1))
@@ -86,9 +88,9 @@ def build_tree(corners: Floats) -> BoxTree:
 
 
 def translate_tree(tree: BoxTree, corners: Floats) -> BoxTree:
-    """Return the tree of the same primitives translated to ``corners`` (m, 3, 3).
+    """Return the tree of the same primitives, translated by one vector to ``corners`` (m, 3, 3) in their first order.
 
-    Boxes are translated too, and widened by rounding. That takes a twentieth of the time that building a tree does.
+    Its boxes are translated too, and widened by rounding. That takes a twentieth of the time that building a tree does.
     """
     frames = as_frames(corners[tree.order])
     offset = np.tile(frames[0, 0] - tree.frames[0, 0], 2)
@@ -97,7 +99,7 @@ def translate_tree(tree: BoxTree, corners: Floats) -> BoxTree:
 
 
 def as_frames(at_corners: Floats) -> Floats:
-    """Return (m, 3, 3) the value at the first corner of each triangle and the differences of the other two from it."""
+    """Return (m, 3, 3) values at corner 0 of ``at_corners`` (m, 3, 3), and the differences of the others from it."""
     frames = at_corners - at_corners[:, :1]
     frames[:, 0] = at_corners[:, 0]
     return frames

@@ -18,12 +18,7 @@ STACK_NODES = 96
 
 @compiled
 def build(lower, upper):
-    """Return the tree over primitives with boxes from ``lower`` to ``upper`` (m, 3).
-
-    Returned are ``boxes`` (nodes, 6); ``nodes`` (nodes, 2): 0 and the first of two adjacent children, or for a leaf the
-    number of primitives and the first of them in ``order``; and ``order`` (m,). Nodes are unsigned so that no index is
-    tested for its sign.
-    """
+    """Return the bounding box tree over m primitives with boxes from ``lower`` (m, 3) to ``upper`` (m, 3)."""
     m = len(lower)
     order = np.arange(m)
     boxes = np.empty((2 * m, 6))
@@ -49,7 +44,7 @@ def build(lower, upper):
 
 @compiled
 def _bound(lower, upper, order, start, stop, box):
-    """Write the box around the primitives ``order[start:stop]``."""
+    """Write to ``box`` (6,) the lowest and highest corner of the box around the primitives ``order[start:stop]``."""
     box[:3] = np.inf
     box[3:] = -np.inf
     for i in range(start, stop):
@@ -60,7 +55,11 @@ def _bound(lower, upper, order, start, stop, box):
 
 @compiled
 def _split(lower, upper, order, start, stop, depth):
-    """Reorder ``order[start:stop]`` to two groups, and return where the second begins."""
+    """Reorder ``order[start:stop]``, in place, into two groups, and return the position at which the second begins.
+
+    ``lower`` and ``upper`` (m, 3) are the primitives' boxes, ``depth`` is that of the node: from :data:`HALVING_DEPTH`
+    on, and where all centres agree or a group would be empty, the groups are halves of equal number.
+    """
     axis, place, least, scale, cost = -1, 0, 0.0, 0.0, np.inf
     for k in range(3):
         low, high = np.inf, -np.inf
@@ -91,10 +90,11 @@ def _split(lower, upper, order, start, stop, depth):
 
 @compiled
 def _best_bin(lower, upper, order, start, stop, axis, least, scale):
-    """Return the bin after which a cut along ``axis`` costs least, and the cost.
+    """Return the bin after which a cut of ``order[start:stop]`` along ``axis`` costs least, and the cost.
 
-    The cost is the extent of a box times the number of primitives in it, summed over both sides. For rays the extent
-    is the area; for nearest points the sum of the box's sides is slightly better.
+    The bin of a primitive is (lower + upper - ``least``) times ``scale``, rounded down. The cost is the extent of a box
+    times the number of primitives in it, summed over both sides. For rays the extent is the area; for nearest points
+    the sum of the box's sides is slightly better.
     """
     counts = np.zeros(SPLIT_BINS, dtype=np.int64)
     box = np.empty((SPLIT_BINS, 6))
@@ -126,11 +126,11 @@ def _best_bin(lower, upper, order, start, stop, axis, least, scale):
 
 @compiled
 def bound_normals(nodes, vertices, axes, angles):
-    """Return the axis, cosine and sine (nodes, 5) of a cone around the normals of the surface in each node of a tree.
+    """Return (nodes, 5) the axis, cosine and sine of a cone that contains the surface normals in each node of a tree.
 
-    The normals around each vertex lie within ``angles`` (k,) of ``axes`` (k, 3); ``vertices`` (m, 3) are those of each
-    slot. Children have higher numbers than their parents, so that nodes are visited backwards. The cosine of cones of a
-    right angle and more is 0.
+    ``nodes`` (nodes, 2) are those of :func:`build`. The normals around each vertex lie within ``angles`` (k,) radians
+    of ``axes`` (k, 3); ``vertices`` (m, 3) are those of each slot. Children have higher numbers than their parents, so
+    that nodes are visited backwards. Cosine and sine of cones of a right angle and more are 0.
     """
     count = len(nodes)
     axis, angle = np.zeros((count, 3)), np.zeros(count)

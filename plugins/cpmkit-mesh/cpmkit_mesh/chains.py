@@ -19,7 +19,7 @@ class Chains:
         The vertices along each chain; a vertex where several chains meet is in each of them. A closed chain does not
         repeat its first vertex.
     chain : (k,) int64
-        The number of the chain, ascending.
+        The number of the chain of each entry of ``vertices``, ascending.
     closed : (c,) bool
         Whether each chain leads back to its first vertex.
     """
@@ -37,7 +37,7 @@ class Chains:
         return Chains(vertices, np.zeros(len(vertices), dtype=np.int64), self.closed[[number]])
 
     def segments(self) -> Ints:
-        """Return (m, 2) the positions in ``vertices`` of the ends of each segment."""
+        """Return (m, 2) positions in ``vertices`` of the start and the end of each segment, closing ones included."""
         first, last = _first_and_last(self.chain)
         after = np.arange(len(self.vertices)) + 1
         after[last] = first
@@ -46,7 +46,7 @@ class Chains:
         return np.stack([np.flatnonzero(leads_on), after[leads_on]], axis=1)
 
     def ends(self) -> Ints:
-        """Return (k,) 0 where an open chain starts, 1 where it ends, -1 elsewhere."""
+        """Return (k,) for each entry of ``vertices`` 0 where an open chain starts, 1 where it ends, -1 elsewhere."""
         first, last = _first_and_last(self.chain)
         ends = np.full(len(self.vertices), -1)
         ends[first[~self.closed]], ends[last[~self.closed]] = 0, 1
@@ -54,7 +54,7 @@ class Chains:
 
 
 def order_chains(edges: Ints, positions: Floats) -> Chains:
-    """Return the chains of ``edges`` (m, 2), none of which is given twice.
+    """Return ``edges`` (m, 2), no two of which are equal, ordered to chains that end at branches, and to closed chains.
 
     The direction of a chain is that of most of its edges, from their first vertex to their second.
 
@@ -63,7 +63,7 @@ def order_chains(edges: Ints, positions: Floats) -> Chains:
     edges : (m, 2) int64
         Vertices, numbers of rows of ``positions``.
     positions : (n, d) float64
-        Of the vertices, for the lengths of chains.
+        Positions of the vertices, which determine the lengths of chains.
     """
     node, vertex = _split_at_branches(edges)
     path, place, forward = _order_nodes(node, len(vertex))
@@ -82,7 +82,7 @@ def order_chains(edges: Ints, positions: Floats) -> Chains:
 
 
 def components(node: Ints, count: int) -> Ints:
-    """Return (count,) the number of the connected component of each node; ``node`` (m, 2) are edges."""
+    """Return (count,) the number of the connected component of each node of a graph with edges ``node`` (m, 2)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -91,10 +91,10 @@ def components(node: Ints, count: int) -> Ints:
 
 
 def _split_at_branches(edges: Ints) -> tuple[Ints, Ints]:
-    """Split the graph into simple paths: return the nodes (m, 2) of the edges, and the vertex (n,) of each node.
+    """Return the nodes (m, 2) of the edges in a graph of simple paths, and the vertex (n,) that each node represents.
 
-    A vertex is one node where two edges meet, and one node for each edge otherwise. A loop is split at its lowest
-    vertex, between the end of one edge and the start of the next where they follow each other.
+    A vertex is one node where two of ``edges`` (m, 2) meet, and one node for each edge otherwise. A loop is split at
+    its lowest vertex, between the end of one edge and the start of the next where they follow each other.
     """
     half = edges.T.ravel()  # the starts of all edges, then their ends
     joined = np.bincount(half)[half] == 2
@@ -112,7 +112,10 @@ def _split_at_branches(edges: Ints) -> tuple[Ints, Ints]:
 
 
 def _order_nodes(node: Ints, count: int) -> tuple[Ints, Ints, Ints]:
-    """Return the path and the place along it of each node (n,), and 1 or -1 for each edge (m,) along or against it."""
+    """Return the path and the position along it of each node (n,), and 1 or -1 for each edge (m,) along or against it.
+
+    ``node`` (m, 2) are the edges of simple paths between ``count`` nodes.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 

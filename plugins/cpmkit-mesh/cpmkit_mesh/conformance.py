@@ -21,7 +21,7 @@ Mesh = tuple[Floats, Ints]
 
 
 def cases() -> list[ConformanceCase]:
-    """Return a case for each sort of mesh and polyline that this distribution answers for."""
+    """Return the conformance cases of meshes, faceted and smooth, of polylines, and of curves of a mesh."""
     from cpmkit.plugin import ConformanceCase
 
     meshes = {"closed": _torus(), "open": _cone(), "two components": _two_tori()}
@@ -80,7 +80,7 @@ def _mesh_curves() -> list[ConformanceCase]:
 
 
 def turning_angle(mesh: TriangleMesh) -> float:
-    """Return the largest angle in radians between the normals at the ends of an edge, or of neighbouring rim edges."""
+    """Return the largest angle in radians between normals at the ends of an edge, or of adjacent rim edges."""
     corner = mesh.normals_at_corners
     cosine = np.einsum("fck,fck->fc", corner, np.roll(corner, 1, axis=1)).min()
     angles = [np.arccos(np.clip(cosine, -1.0, 1.0))]
@@ -99,7 +99,7 @@ def _factory(factory: Callable[..., TriangleMesh | Polyline], **keys: Any) -> Ca
 
 
 def _grid(columns: int, rows: int, wrap: bool) -> Ints:
-    """Return the triangles of a strip of ``rows`` rings of ``columns`` vertices, wound outwards."""
+    """Return (m, 3) triangles between ``rows`` rings of ``columns`` vertices; with ``wrap`` the last joins ring 0."""
     i, j = np.divmod(np.arange((rows if wrap else rows - 1) * columns), columns)
     a, b = i * columns + j, i * columns + (j + 1) % columns
     above = (i + 1) % rows * columns

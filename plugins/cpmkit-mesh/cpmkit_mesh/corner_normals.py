@@ -21,15 +21,16 @@ VANISHED_NORMAL_SHARE = 1e-9
 def corner_normals(vertices: Floats, faces: Ints, adjacency: Topology) -> Floats:
     """Return (m, 3, 3) unit normals at the corners of each face, averaged around each vertex and tilted to its chords.
 
-    Where the winding is inconsistent, the normals around a vertex are aligned before they are averaged, and each face
-    gets the mean with the sign of its own winding. A corner whose mean vanishes takes the normal of its face.
+    ``faces`` (m, 3) are triangles between ``vertices`` (k, 3), with their ``adjacency``. Where the winding is
+    inconsistent, the normals around a vertex are aligned before they are averaged, not tilted, and each face gets the
+    mean with the sign of its own winding. A corner whose mean vanishes takes the normal of its face, or (0, 0, 1) if
+    that has no area.
 
     Notes
     -----
-    The weights are those of Max (1999), Weights for computing vertex normals from facet normals:
-    the sine of the angle at the corner over the product of the lengths of its edges. They are exact
-    on meshes inscribed in a sphere, where weights by angle or by area are of first order. Elsewhere the
-    tilts make them two to three times more accurate.
+    The weights are those of Max (1999), Weights for computing vertex normals from facet normals: the sine of the angle
+    at the corner over the product of the lengths of its edges. They are exact on meshes inscribed in a sphere, where
+    weights by angle or by area are of first order. Elsewhere the tilts make them two to three times more accurate.
     """
     corner, normal_of_corner = faces.ravel(), np.repeat(face_normals(vertices, faces), 3, axis=0)
     weights = _weights(vertices, faces).ravel()
@@ -57,7 +58,7 @@ def corner_normals(vertices: Floats, faces: Ints, adjacency: Topology) -> Floats
 
 
 def _weights(vertices: Floats, faces: Ints) -> Floats:
-    """Return (m, 3) the weight of each face at each of its corners, relative to the mesh's largest edge."""
+    """Return (m, 3) sin(angle) / (product of both edge lengths) at each corner of each face; the largest edge is 1."""
     towards = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
     towards = towards / np.abs(towards).max()
     back = -towards[:, [2, 0, 1]]
@@ -80,12 +81,12 @@ TILT_TOLERANCE = 1e-12
 
 
 def fit_to_chords(vertices: Floats, faces: Ints, adjacency: Topology, normals: Floats) -> Floats:
-    """Return the unit ``normals`` (k, 3) of the vertices tilted to fit the chords along all edges.
+    """Return the unit ``normals`` (k, 3) at ``vertices`` (k, 3), tilted to fit the chords along all edges of ``faces``.
 
     The tilts t, in the tangent planes, minimise sum w (e . (n + t + n' + t'))^2 + sum |t|^2 over the edges and
-    vertices, with unit chords e. The weight w falls where n and n' disagree with e, which also bounds the tilts: at
-    most 3.5 degrees on the meshes of Spot, the koala, the fish and Nefertiti. The winding of the triangles must be
-    consistent.
+    vertices, with unit chords e; edges at a vertex whose normal is zero are left out. The weight w falls where n and n'
+    disagree with e, which also bounds the tilts: at most 3.5 degrees on the meshes of Spot, the koala, the fish and
+    Nefertiti. The winding of the triangles must be consistent.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.linalg import lsmr

@@ -21,7 +21,7 @@ CAP_ROUNDS = 30
 
 
 def find_caps(points: Floats, faces: Ints) -> tuple[Bools, Ints]:
-    """Return whether each triangle is a cap, (m,), and the corner (m,) opposite to its longest edge."""
+    """Return (m,) whether each of ``faces`` (m, 3) is a cap, and (m,) the corner opposite to its longest edge."""
     length = np.linalg.norm(points[faces[:, [2, 0, 1]]] - points[faces[:, [1, 2, 0]]], axis=2)
     longest = length.max(axis=1)
     edges = points[faces[:, 1:]] - points[faces[:, :1]]
@@ -32,14 +32,14 @@ def find_caps(points: Floats, faces: Ints) -> tuple[Bools, Ints]:
 
 
 def remove_caps(points: Floats, faces: Ints) -> tuple[Ints, Ints]:
-    """Remove the caps of ``faces`` (m, 3).
+    """Remove the caps, triangles with their corners on a line, from ``faces`` (m, 3) without leaving a gap.
 
     Returns
     -------
     rows : (k,) int64
         The remaining faces, ascending.
     corners : (k, 3) int64
-        The position in ``faces.ravel()`` of each corner.
+        The position in ``faces.ravel()`` of each corner; a row that was a cap may hold a part of its split neighbour.
     """
     rows, corners = np.arange(len(faces)), np.arange(3 * len(faces)).reshape(-1, 3)
     for _ in range(CAP_ROUNDS):
@@ -61,7 +61,11 @@ def remove_caps(points: Floats, faces: Ints) -> tuple[Ints, Ints]:
 
 
 def _independent_caps(caps: Ints, across: Ints, count: int) -> Bools:
-    """Return which caps (k,) can be removed at once: they have neither triangle in common with an earlier one."""
+    """Return (k,) which caps can be removed at once: no earlier cap involves the same cap triangle or neighbour.
+
+    ``caps`` (k,) are triangles, ``across`` (k,) their neighbours at the longest edge, negative for none; ``count`` is
+    the number of all triangles.
+    """
     first = np.full(count, count)
     order = np.arange(len(caps))
     np.minimum.at(first, caps, order)
@@ -70,7 +74,11 @@ def _independent_caps(caps: Ints, across: Ints, count: int) -> Bools:
 
 
 def _split_neighbours(corners: Ints, cells: Ints, caps: Ints, others: Ints, apex: Ints) -> None:
-    """Split each neighbour in ``others`` at the middle corner of its cap, whose row takes one half; in place."""
+    """Split each triangle of ``others`` (k,) at the corner ``apex`` (k,) of its cap; overwrite ``corners`` in place.
+
+    ``corners`` (m, 3) are positions of corners and ``cells`` (m, 3) the vertices there. The row of the neighbour takes
+    one half, that of the cap, in ``caps`` (k,), the other.
+    """
     shared = cells[caps, (apex + 1) % 3], cells[caps, (apex + 2) % 3]
     away = np.argmax((cells[others] != shared[0][:, None]) & (cells[others] != shared[1][:, None]), axis=1)
     middle, far = corners[caps, apex], corners[others, away]

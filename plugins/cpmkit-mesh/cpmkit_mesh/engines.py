@@ -28,14 +28,10 @@ Search = Callable[[Floats], Nearest]
 
 
 def nearest_search(engine: str, tree: BoxTree) -> Search:
-    """Return the search for nearest points (n, 3) of the triangles of ``tree`` by the library ``engine``.
+    """Return a function from queries (n, 3) to their nearest points (``Nearest``) on the triangles of ``tree``.
 
-    Raises
-    ------
-    MissingDependencyError
-        If the library is absent or does not load.
-    InputError
-        If it cannot answer for this mesh.
+    ``engine`` is "own", "fcl" or "open3d". Raise MissingDependencyError if that library is absent or does not load,
+    InputError if the mesh has triangles without area, about which fcl answers wrongly.
     """
     if engine == "own":
         return partial(find_nearest, tree)
@@ -44,7 +40,10 @@ def nearest_search(engine: str, tree: BoxTree) -> Search:
 
 
 def _fcl(tree: BoxTree) -> Callable[[Floats], Ints]:
-    """Return a function that finds the nearest slot to each query, in float64, by a loop in Python."""
+    """Return a function from queries (n, 3) to the slots (n,) of their nearest triangles, in float64, by a Python loop.
+
+    Raise InputError if a triangle has no area, MissingDependencyError if python-fcl does not load.
+    """
     fcl = _import_optional("fcl", "python-fcl")
     first, second = tree.frames[:, 1], tree.frames[:, 2]
     longest = np.max([np.sum(edge**2, axis=1) for edge in (first, second, second - first)], axis=0)
@@ -70,7 +69,10 @@ def _fcl(tree: BoxTree) -> Callable[[Floats], Ints]:
 
 
 def _open3d(tree: BoxTree) -> Callable[[Floats], Ints]:
-    """Return a function that finds a slot near each query, in float32, relative to the mesh's middle and size."""
+    """Return a function from queries (n, 3) to slots (n,) of triangles nearest to them up to the rounding of float32.
+
+    Coordinates are relative to the mesh's centre and size. Raise MissingDependencyError if Open3D does not load.
+    """
     open3d = _import_optional("open3d", "open3d")
     corners = _corners(tree).reshape(-1, 3)
     middle, size = 0.5 * (corners.min(axis=0) + corners.max(axis=0)), np.ptp(corners, axis=0).max()
@@ -95,7 +97,10 @@ def _corners(tree: BoxTree) -> Floats:
 
 
 def _import_optional(module: str, distribution: str) -> Any:
-    """Return an optional module, or raise one sentence that says what is missing."""
+    """Return the imported ``module``; raise MissingDependencyError if it, or a package or library it needs, is missing.
+
+    ``distribution`` is the name under which pip installs it.
+    """
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
@@ -108,7 +113,7 @@ def _import_optional(module: str, distribution: str) -> Any:
 
 
 def _loading_error(distribution: str, message: str) -> str:
-    """Return the sentence for a library that is installed but does not load."""
+    """Return the error sentence for an installed ``distribution`` that does not load, from the loader's ``message``."""
     library = re.search(r"(lib[\w.+-]+?\.so(?:\.\d+)*): cannot open shared object file", message)
     if library is None:
         return f"{distribution} is installed but does not load: {message}; engine = 'own' needs no other library."

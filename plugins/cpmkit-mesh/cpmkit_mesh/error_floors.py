@@ -27,7 +27,10 @@ def is_flat_sided(edges: InnerEdges, crease_angle: float) -> bool:
 
 
 def turning_angle(vertices: Floats, faces: Ints, normals_at_corners: Floats) -> float:
-    """Return the angle in radians between the normals at both ends of edges, root mean square over the area."""
+    """Return the root mean square angle, in radians, between the normals at both ends of edges, weighted by area.
+
+    ``normals_at_corners`` (m, 3, 3) are those of ``faces`` (m, 3). 0 for a mesh without area.
+    """
     area = double_areas(vertices, faces)
     following = np.roll(normals_at_corners, 1, axis=1)
     angle = np.arctan2(norms(np.cross(normals_at_corners, following)), dots(normals_at_corners, following))
@@ -35,12 +38,18 @@ def turning_angle(vertices: Floats, faces: Ints, normals_at_corners: Floats) -> 
 
 
 def solution_error_floor(turning_angle: float, smooth: bool) -> float:
-    """Return the error that a mesh leaves in a solution by ``collocation``, relative to the solution's range."""
+    """Return the error that a mesh causes in solutions by ``collocation``, relative to their range, at most 1.
+
+    ``turning_angle`` is in radians; ``smooth`` says whether closest points follow interpolated normals.
+    """
     return min(
         1.0, SMOOTH_ERROR_PER_RADIAN_SQUARED * turning_angle**2 if smooth else FACETED_ERROR_PER_RADIAN * turning_angle
     )
 
 
 def integral_floor(turning_angle: float, smooth: bool) -> float:
-    """Return the error that a mesh leaves by ``galerkin``, for which a faceted mesh is the exact surface."""
+    """Return the error that a mesh causes in solutions by ``galerkin``, relative to their range; 0 for a faceted mesh.
+
+    ``turning_angle`` is in radians. A faceted mesh is the exact surface in that form.
+    """
     return min(1.0, SMOOTH_INTEGRAL_ERROR * turning_angle**2) if smooth else 0.0

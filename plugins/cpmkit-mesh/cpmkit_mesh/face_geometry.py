@@ -16,17 +16,18 @@ LEAST_HEIGHT_SIZE_SHARE = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class InnerEdges:
-    """The edges of two triangles.
+    """The edges that exactly two triangles share.
 
     Attributes
     ----------
     ends : (m, 2) int64
         Their vertices.
     angle : (m,) float64
-        By how much the surface turns there, in radians from 0 to pi; 0 where a triangle is too low to have a normal.
+        The angle between the two triangles' normals, in radians from 0 to pi; 0 where one is too low to have a normal.
     width : (m,) float64
         The mean height of the two triangles above the edge.
     length : (m,) float64
+        The length of each edge.
     """
 
     ends: Ints
@@ -35,12 +36,15 @@ class InnerEdges:
     length: Floats
 
     def take(self, index: Ints | Bools) -> InnerEdges:
-        """Return the edges at ``index``."""
+        """Return the edges at ``index``, numbers or a mask (m,)."""
         return InnerEdges(self.ends[index], self.angle[index], self.width[index], self.length[index])
 
 
 def inner_edges(vertices: Floats, faces: Ints, adjacency: Topology) -> InnerEdges:
-    """Return the edges of two triangles, for any winding of these."""
+    """Return the edges that two of the triangles ``faces`` (m, 3) share, with their angles, for any winding.
+
+    ``adjacency`` is that of the faces between ``vertices`` (k, 3).
+    """
     face, corner = np.nonzero(adjacency.neighbours > np.arange(len(faces))[:, None])
     other = adjacency.neighbours[face, corner]
     start, end = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
@@ -58,13 +62,7 @@ def inner_edges(vertices: Floats, faces: Ints, adjacency: Topology) -> InnerEdge
 
 
 def checked_angle(value: Any, name: str) -> float:
-    """Return ``value`` as an angle in degrees between 0 and 180; ``name`` is that of the key.
-
-    Raises
-    ------
-    InputError
-        If it is not such an angle.
-    """
+    """Return ``value`` as a float in degrees, in (0, 180); raise InputError, which names the key ``name``, if not."""
     angle = positive(value, name)
     if angle >= 180.0:
         raise InputError(f"{name} must be an angle between 0 and 180 degrees, got {shown(value)}.")
@@ -72,24 +70,24 @@ def checked_angle(value: Any, name: str) -> float:
 
 
 def nonmanifold_edges(faces: Ints, adjacency: Topology) -> Ints:
-    """Return (k, 2) the vertices of each edge of three triangles or more."""
+    """Return (k, 2) the two vertices, ascending, of each edge that three or more of the triangles ``faces`` share."""
     face, corner = np.nonzero(adjacency.neighbours == BLOCKED)
     ends = np.stack([faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]], axis=1)
     return np.unique(np.sort(ends, axis=1), axis=0)
 
 
 def face_normals(vertices: Floats, faces: Ints) -> Floats:
-    """Return (m, 3) unit normals by the winding of the faces, zero where a face has no area."""
+    """Return (m, 3) unit normals of ``faces`` (m, 3), signed by their winding; zero where a face has no area."""
     return unit(area_vectors(vertices, faces))
 
 
 def double_areas(vertices: Floats, faces: Ints) -> Floats:
-    """Return (m,) twice the area of each face."""
+    """Return (m,) twice the area of each of ``faces`` (m, 3)."""
     return norms(area_vectors(vertices, faces))
 
 
 def area_vectors(vertices: Floats, faces: Ints) -> Floats:
-    """Return (m, 3) vectors normal to the faces, by their winding, with twice their area as length."""
+    """Return (m, 3) normals of ``faces`` (m, 3), signed by winding, whose length is twice the face's area."""
     a, b, c = (vertices[faces[:, k]].T for k in range(3))
     (u, v, w), (x, y, z) = b - a, c - a
     return np.stack([v * z - w * y, w * x - u * z, u * y - v * x], axis=1)

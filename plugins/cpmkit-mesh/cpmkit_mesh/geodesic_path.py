@@ -44,13 +44,13 @@ def path(
         where it names no mesh.
     through : (k,) whole numbers or (k, 3) array
         Numbers of vertices, from 0 in the order in which they were given (of a file, that of :func:`cpmkit.read_mesh`),
-        or points, each of which represents the vertex nearest to it, in the order along the curve. Consecutive ones
-        that are the same vertex count once.
+        or points, each of which represents the vertex nearest to it, in the order along the curve. Consecutive
+        repetitions of a vertex count once.
     closed : bool
         Whether the last vertex leads back to the first.
     tight : bool
         Whether the whole curve is straightened, so that it passes only the first and the last vertex, and a closed
-        one none. A closed curve needs a waist of the surface; from elsewhere it shrinks to a point.
+        curve none. A closed curve needs a waist of the surface; from elsewhere it shrinks to a point.
 
     Raises
     ------
@@ -72,7 +72,11 @@ def path(
 
 
 def _waypoints(mesh: TriangleMesh, through: Any) -> Ints:
-    """Return the numbers (k,) in the mesh of the vertices that the user names in ``through``."""
+    """Return the numbers (k,) in the mesh of the vertices that ``through`` gives, as numbers (k,) or points (k, 3).
+
+    Numbers are those of the user's vertices. Raise InputError if ``through`` is neither, a number is out of range or
+    that of a vertex without a triangle, or a point is far from the mesh.
+    """
     numbers = as_numbers(through, "through")
     if numbers.ndim == 1 and not len(numbers):
         return np.zeros(0, dtype=np.int64)
@@ -97,7 +101,10 @@ def _waypoints(mesh: TriangleMesh, through: Any) -> Ints:
 
 
 def _nearest_vertices(mesh: TriangleMesh, points: Floats) -> Ints:
-    """Return the vertex (k,) nearest to each of ``points`` (k, 3), or refuse points far from the mesh."""
+    """Return the number (k,) of the mesh vertex nearest to each of ``points`` (k, 3).
+
+    Raise InputError if a point is farther from it than :data:`REACH_SHARE` of the longest side of the mesh's bounds.
+    """
     from scipy.spatial import cKDTree
 
     distance, nearest = cKDTree(mesh.vertices).query(points)
@@ -111,7 +118,7 @@ def _nearest_vertices(mesh: TriangleMesh, points: Floats) -> Ints:
 
 
 def _remove_repeats(waypoints: Ints, closed: bool) -> Ints:
-    """Return the vertices (k,) without those that equal the one before."""
+    """Return ``waypoints`` (k,) without those equal to the one before; if ``closed``, the last precedes the first."""
     before = np.roll(waypoints, 1)
     if not closed and len(waypoints):
         before[0] = -1
@@ -119,7 +126,7 @@ def _remove_repeats(waypoints: Ints, closed: bool) -> Ints:
 
 
 def _check_connected(mesh: TriangleMesh, waypoints: Ints) -> None:
-    """Refuse vertices on different components of the mesh."""
+    """Raise InputError if the vertices ``waypoints`` (k,) lie on more than one component of the mesh."""
     edges = np.concatenate([mesh.faces[:, :2], mesh.faces[:, 1:]])
     component = components(edges, len(mesh.vertices))[waypoints]
     other = np.flatnonzero(component != component[0])
@@ -131,7 +138,11 @@ def _check_connected(mesh: TriangleMesh, waypoints: Ints) -> None:
 
 
 def _trace_geodesics(mesh: TriangleMesh, waypoints: Ints, closed: bool, tight: bool) -> Floats:
-    """Return the points (p, 3) of the geodesics through vertices ``waypoints``; a closed curve ends with its first."""
+    """Return the points (p, 3) of the geodesics through the vertices ``waypoints`` (k,); closed curves repeat it.
+
+    If ``tight``, the whole curve is straightened, at the vertices between its ends too. Raise MissingDependencyError if
+    potpourri3d is absent, InputError if it traces no geodesic on this mesh.
+    """
     try:
         import potpourri3d
     except ImportError as error:

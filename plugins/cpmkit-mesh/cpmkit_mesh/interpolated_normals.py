@@ -23,10 +23,10 @@ class InterpolatedNormals:
     normals : (m, 3, 3) float64
         The normal at the first corner and the differences of the other two from it.
     neighbours : (m, 3) int64
-        As in :class:`Topology`, with slots for triangles.
+        The slot across each edge; -2 - k for boundary edge k; -1 where three or more triangles share the edge.
     rim : five arrays
         For each boundary edge its ends, normals and tangents (k, 2, 3), the end of another boundary edge that each of
-        its ends touches (k, 2), and its slot and the edge of the triangle (k, 2).
+        its ends touches (k, 2) as 2 edge + end or -1, and its slot and the edge of the triangle (k, 2).
     tiny : float
         The distance up to which a query lies on the mesh.
     """
@@ -40,7 +40,11 @@ class InterpolatedNormals:
 def interpolated_normals(
     vertices: Floats, adjacency: Topology, normals_at_corners: Floats, order: Ints
 ) -> InterpolatedNormals:
-    """Return the normals ``normals_at_corners`` (m, 3, 3) for triangles in the ``order`` (m,) of slots."""
+    """Return the normals and adjacency of triangles as :func:`follow_normals` reads them, by the slots of a tree.
+
+    ``vertices`` (k, 3) are positions, ``adjacency`` that of the triangles, ``normals_at_corners`` (m, 3, 3) unit
+    normals at their corners, and ``order`` (m,) the triangle in each slot.
+    """
     slot = np.empty(len(order), dtype=np.int64)
     slot[order] = np.arange(len(order))
     neighbours = adjacency.neighbours[order]
@@ -55,7 +59,7 @@ def interpolated_normals(
 
 
 def translate_normals(field: InterpolatedNormals, vertices: Floats, adjacency: Topology) -> InterpolatedNormals:
-    """Return the normals of a translated mesh, in the same order of slots."""
+    """Return ``field`` for a mesh translated to ``vertices`` (k, 3), with the same ``adjacency`` and order of slots."""
     return replace(field, rim=(vertices[adjacency.boundary], *field.rim[1:]), tiny=_tiny(vertices))
 
 
@@ -64,9 +68,10 @@ def _tiny(vertices: Floats) -> float:
 
 
 def follow_normals(tree: BoxTree, field: InterpolatedNormals, x: Floats, nearest: Nearest) -> Bools:
-    """Move the points ``nearest`` to where the interpolated normal leads to ``x`` (n, 3), in place.
+    """Move the points ``nearest``, in place, to points of triangles whose interpolated normal leads to ``x`` (n, 3).
 
-    Returns (n,) whether there is no such point near by: the nearest point of the triangles is left then.
+    ``tree`` and ``field`` are those of the triangles. Return (n,) whether there is no such point near by: the nearest
+    point stays then.
     """
     from cpmkit_mesh import interpolated_normals_kernels
 
@@ -80,7 +85,7 @@ def follow_normals(tree: BoxTree, field: InterpolatedNormals, x: Floats, nearest
 def _rim(
     vertices: Floats, adjacency: Topology, normals_at_corners: Floats, slot: Ints
 ) -> tuple[Floats, Floats, Floats, Ints, Ints]:
-    """Return the five arrays of the boundary edges; see :class:`InterpolatedNormals`."""
+    """Return the five arrays of the boundary edges; see :class:`InterpolatedNormals`. ``slot`` (m,) is by triangle."""
     ends = vertices[adjacency.boundary]
     face, edge = adjacency.boundary_face, adjacency.boundary_edge
     normals = np.stack([normals_at_corners[face, (edge + 1) % 3], normals_at_corners[face, (edge + 2) % 3]], axis=1)
@@ -101,7 +106,10 @@ def _links(boundary: Ints) -> Ints:
 
 
 def _tangents(direction: Floats, links: Ints) -> Floats:
-    """Return (k, 2, 3) tangents at both ends of each boundary edge: the mean of two edges, its own at corners."""
+    """Return (k, 2, 3) unit tangents at both ends of each boundary edge: the mean over two edges, at corners its own.
+
+    ``direction`` (k, 3) are the edges' unit vectors, ``links`` (k, 2) the touching ends as in :func:`_links`.
+    """
     beyond = direction[links // 2]
     towards = np.where(links % 2 == np.array([1, 0]), 1.0, -1.0)
     beyond = beyond * towards[:, :, None]

@@ -24,13 +24,15 @@ FARTHEST_DISTANCES = 2.0
 
 @compiled
 def follow_normals(x, start, stop, tiny, mesh, rim, slot, local, point, distance, doubtful):
-    """Move the nearest points of ``x[start:stop]`` to where interpolated normals lead to the queries.
+    """Move the nearest points of ``x[start:stop]`` (n, 3), in place, to points whose interpolated normals lead to x.
 
-    ``mesh`` are, by slot, corners and normals as frames (m, 3, 3), the first and the differences of the others from it,
-    and neighbours (m, 3). ``rim`` are, for each boundary edge, its ends, normals and tangents (k, 2, 3), the end of
-    another one that each end touches (k, 2), as 2 edge + end or -1, and its triangle and the edge of that (k, 2).
-    Nearest points of queries within ``tiny`` of the mesh stay; so do those with no such point near by, which are marked
-    ``doubtful``. ``slot``, ``local`` and ``point`` change in place; ``distance`` stays that from the triangles.
+    ``mesh`` holds, by slot of the tree, corners and normals, each (m, 3, 3): the value at the first corner and the
+    differences of the other two from it; and neighbours (m, 3) as in ``Topology``. ``rim`` holds, for each boundary
+    edge, its ends, normals and tangents (k, 2, 3); for each of its ends the touching end of another boundary edge (k,
+    2), as 2 edge + end, or -1; and its slot and the number of the edge in the triangle (k, 2). ``slot`` (n,), ``local``
+    (n, 2) and ``point`` (n, 3) are overwritten. ``distance`` (n,), that from the triangles, is only read. ``doubtful``
+    (n,) is written: True where no such point is found near by, so that the nearest point stays. Points of queries
+    within ``tiny`` of the mesh stay as well, and are not doubtful.
     """
     frames, normals, neighbours = mesh
     for i in range(start, stop):
@@ -51,13 +53,21 @@ def follow_normals(x, start, stop, tiny, mesh, rim, slot, local, point, distance
 
 @inlined
 def _mix(frames, face, v, w, k):
-    """Return coordinate k of the linear interpolant at v, w."""
+    """Return coordinate ``k`` of a linear field on triangle ``face`` at its local coordinates v, w.
+
+    ``frames`` (m, 3, 3) are the field's values at the first corner and the differences of the other two from it.
+    """
     return frames[face, 0, k] + (v * frames[face, 1, k] + w * frames[face, 2, k])
 
 
 @compiled
 def _walk(x, face, v, w, frames, normals, neighbours, rim):
-    """Return the triangle and coordinates of the closest point, and whether there is one."""
+    """Return the triangle of the closest point of ``x`` (3,), its coordinates v, w there, and whether it was found.
+
+    The search starts on triangle ``face`` at v, w, and crosses an edge where a solution lies beyond it. It fails at an
+    edge of three triangles, after :data:`MAX_TRIANGLES` triangles, or where a solution is not finite; v and w are 0
+    then. The arrays are those of :func:`follow_normals`.
+    """
     height = _height(x, face, v, w, frames, normals)
     returns = 0
     for _ in range(MAX_TRIANGLES):
@@ -90,7 +100,10 @@ def _walk(x, face, v, w, frames, normals, neighbours, rim):
 
 @compiled
 def _height(x, face, v, w, frames, normals):
-    """Return the height of ``x`` above the point v, w of a triangle, along the interpolated normal."""
+    """Return the height h of ``x`` above the point p at v, w of triangle ``face``: (x - p) . n / n . n, normal n.
+
+    ``frames`` and ``normals`` (m, 3, 3) are linear fields as in :func:`_mix`.
+    """
     along, square = 0.0, 0.0
     for k in range(3):
         n = _mix(normals, face, v, w, k)
@@ -101,7 +114,10 @@ def _height(x, face, v, w, frames, normals):
 
 @compiled
 def _solve(x, face, v, w, h, frames, normals):
-    """Return v, w, h with p(v, w) + h n(v, w) = x by Newton's method, or where it leaves the triangle for good."""
+    """Return v, w, h with p(v, w) + h n(v, w) = ``x`` on triangle ``face``, by Newton's method from the given v, w, h.
+
+    It stops after 12 steps, or where abs(v) + abs(w) > 8; NaN or infinity is returned where the Jacobian is singular.
+    """
     ax, ay, az = frames[face, 0, 0] - x[0], frames[face, 0, 1] - x[1], frames[face, 0, 2] - x[2]
     bx, by, bz = frames[face, 1, 0], frames[face, 1, 1], frames[face, 1, 2]
     cx, cy, cz = frames[face, 2, 0], frames[face, 2, 1], frames[face, 2, 2]
@@ -128,9 +144,11 @@ def _solve(x, face, v, w, h, frames, normals):
 
 @compiled
 def _slide(x, k, rim):
-    """Return the boundary edge, the share s of it and whether ``x`` lies on the mesh's side of it there.
+    """Return the boundary edge, the share s of it in [0, 1], and whether ``x`` (3,) lies on the mesh's side there.
 
-    At s the query lies in the plane of the normal and the conormal; both are interpolated.
+    The search starts on boundary edge ``k`` and passes on to the edges that touch it. At s the query lies in the plane
+    of the normal and the conormal, both interpolated along the edge. At an end that no edge continues, s is 0.0 or 1.0
+    and the flag is False. ``rim`` are the arrays of :func:`follow_normals`.
     """
     links = rim[3]
     came = -1
@@ -149,7 +167,11 @@ def _slide(x, k, rim):
 
 @compiled
 def _ahead(x, k, s, rim):
-    """Return how far ``x`` lies ahead of the point s of boundary edge k, along its tangent without its normal."""
+    """Return q . t - (q . n) (n . t) / (n . n), which is positive where ``x`` (3,) lies ahead of a boundary point.
+
+    q leads to ``x`` from the point at the share ``s`` of boundary edge ``k``; n and t are the interpolated normal and
+    tangent there. ``rim`` are the arrays of :func:`follow_normals`.
+    """
     ends, normals, tangents = rim[0], rim[1], rim[2]
     xt, xn, nt, nn = 0.0, 0.0, 0.0, 0.0
     for j in range(3):
@@ -162,7 +184,10 @@ def _ahead(x, k, s, rim):
 
 @compiled
 def _between(x, k, at_start, at_end, rim):
-    """Return the zero of :func:`_ahead` by the Illinois variant of regula falsi."""
+    """Return the zero s in [0, 1] of :func:`_ahead` on boundary edge ``k``, by the Illinois variant of regula falsi.
+
+    ``at_start`` > 0 and ``at_end`` < 0 are its values at s = 0 and 1.
+    """
     low, high, s = 0.0, 1.0, 0.5
     for _ in range(60):
         previous = s
@@ -181,7 +206,7 @@ def _between(x, k, at_start, at_end, rim):
 
 @compiled
 def _outward(x, k, s, rim):
-    """Return how far ``x`` lies beyond boundary edge k at its point s, along tangent x normal."""
+    """Return q . (t x n), positive where ``x`` (3,) lies beyond the boundary: q, t and n as in :func:`_ahead`."""
     q, n, t = np.empty(3), np.empty(3), np.empty(3)
     for j in range(3):
         q[j] = x[j] - (rim[0][k, 0, j] + s * (rim[0][k, 1, j] - rim[0][k, 0, j]))

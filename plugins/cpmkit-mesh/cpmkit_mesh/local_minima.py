@@ -17,14 +17,14 @@ SAME_POINT_DISTANCE_SHARE, SAME_POINT_SIZE_SHARE = 1e-6, 1e-9
 
 @dataclass(frozen=True, eq=False)
 class VertexTriangles:
-    """The triangles around each vertex, by the slots of a tree, and bounds of their normals.
+    """The triangles around each vertex, by the slots of a tree, and cones that bound their normals.
 
     Attributes
     ----------
     vertices : (m, 3) int64
         The corners of the triangle in each slot.
     first : (k + 1,) int64
-        Places in ``around``.
+        Positions in ``around``; k vertices.
     around : (3 m,) int64
         ``around[first[v] : first[v + 1]]`` are the slots of the triangles around vertex v.
     cones : (nodes, 5) float64
@@ -46,7 +46,7 @@ class LocalMinima:
     rows : (k,) int64
         The query of each minimum, as a row of the queries, ascending.
     points : Nearest
-        The minima.
+        The points of the surface at which the distance has the minima.
     measured : int
         The number of triangles whose distance was computed.
     """
@@ -57,7 +57,11 @@ class LocalMinima:
 
 
 def vertex_triangles(tree: BoxTree, positions: Floats, faces: Ints, adjacency: Topology) -> VertexTriangles:
-    """Return the triangles of ``faces`` (m, 3) around the vertices at ``positions`` (k, 3)."""
+    """Return, for :func:`local_minima`, the slots of the triangles at each vertex and cones of normals by tree node.
+
+    ``tree`` is built over the triangles ``faces`` (m, 3) between vertices at ``positions`` (k, 3), ``adjacency``
+    theirs.
+    """
     from cpmkit_mesh import box_tree_kernels
 
     vertices = faces[tree.order]
@@ -68,11 +72,11 @@ def vertex_triangles(tree: BoxTree, positions: Floats, faces: Ints, adjacency: T
 
 
 def _vertex_cones(positions: Floats, faces: Ints, adjacency: Topology) -> tuple[Floats, Floats]:
-    """Return an axis (k, 3) at each vertex and the angle (k,) from it within which the normals of its triangles lie.
+    """Return axes (k, 3) and angles (k,), in radians, of cones about the normals of the triangles at each vertex.
 
-    The direction from a local minimum at a vertex, or on an edge, to the query is a mean of these normals with weights
-    above zero, where they all lie within a right angle of one direction. At rims and branches it is not: the angle is
-    pi there.
+    At a local minimum at a vertex or on an edge the direction to the query is a mean, with positive weights, of these
+    normals, where they all lie within a right angle of one direction. At rims and branches it need not be: the angle is
+    pi there, and everywhere if the winding is inconsistent.
     """
     normal_of_corner, corner = np.repeat(face_normals(positions, faces), 3, axis=0), faces.ravel()
     axes = unit(np.stack([np.bincount(corner, normal_of_corner[:, k], len(positions)) for k in range(3)], axis=1))
@@ -83,7 +87,11 @@ def _vertex_cones(positions: Floats, faces: Ints, adjacency: Topology) -> tuple[
 
 
 def local_minima(tree: BoxTree, triangles: VertexTriangles, x: Floats, radius: float) -> LocalMinima:
-    """Return the local minima of the distance from each of ``x`` (n, 3), up to ``radius``."""
+    """Return the local minima of the distance from each of ``x`` (n, 3) to the surface, up to the distance ``radius``.
+
+    ``tree`` is the tree of the triangles and ``triangles`` the answer of :func:`vertex_triangles` for it. Minima of one
+    query are in no special order.
+    """
     from cpmkit_mesh import query_kernels
 
     meeting = (triangles.vertices, triangles.first, triangles.around)
@@ -102,9 +110,10 @@ def local_minima(tree: BoxTree, triangles: VertexTriangles, x: Floats, radius: f
 
 
 def merge_nearest(nearest: Nearest, radius: float, minima: LocalMinima) -> LocalMinima:
-    """Return the nearest point of each query within ``radius``, then its other minima by their distance.
+    """Return the nearest point of each query within ``radius``, then its local ``minima`` by increasing distance.
 
-    Of several triangles that share the nearest point, the search for it may name another one than the minima do.
+    ``nearest`` has a row for each query. The nearest point occurs twice for most queries, since it is a minimum too: of
+    several triangles that share it, the search may name another than the minima do.
     """
     in_reach = np.flatnonzero(nearest.distance <= radius)
     rows, is_other = (
@@ -118,10 +127,10 @@ def merge_nearest(nearest: Nearest, radius: float, minima: LocalMinima) -> Local
 
 
 def distinct_minima(x: Floats, rows: Ints, points: Nearest, size: float) -> Bools:
-    """Return (k,) whether each minimum is the first one of its query at its place.
+    """Return (k,) whether each minimum is to be kept: no earlier minimum of its query lies at the same point.
 
-    Minima that were moved along normals to be nearer to ``x`` (n, 3) than they started are left out too: they have left
-    their sheet.
+    Minima that, moved along normals, are nearer to ``x`` (n, 3) than before are left out too: they are on another
+    sheet.
 
     Parameters
     ----------
@@ -130,9 +139,9 @@ def distinct_minima(x: Floats, rows: Ints, points: Nearest, size: float) -> Bool
     rows : (k,) int64
         The query of each minimum, ascending.
     points : Nearest
-        The minima, with the distances from which they started.
+        The minima after the move, with their distances before it.
     size : float
-        The extent of the mesh.
+        The longest side of the mesh's bounding box.
     """
     from cpmkit_mesh import query_kernels
 

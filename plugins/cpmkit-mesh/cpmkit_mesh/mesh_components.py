@@ -17,14 +17,17 @@ EDGE_PARTS, DIVISIONS = 16, 3
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """Where two components are nearest to each other: their distance, and the place (3,)."""
+    """The smallest distance found between two components, and the point (3,) where it occurs."""
 
     distance: float
     place: Floats
 
 
 def face_components(faces: Ints, adjacency: Topology) -> Ints:
-    """Return (m,) the number of the component of each face; faces with a common edge are connected."""
+    """Return (m,) the number of the component of each of ``faces`` (m, 3); faces with a common edge are connected.
+
+    ``adjacency`` is that of the faces; faces at an edge of three or more triangles are connected too.
+    """
     count = len(faces)
     face, corner = np.nonzero(adjacency.neighbours > np.arange(count)[:, None])
     links = [np.stack([face, adjacency.neighbours[face, corner]], axis=1)]
@@ -42,11 +45,13 @@ def face_components(faces: Ints, adjacency: Topology) -> Ints:
 
 
 def closest_approach(vertices: Floats, faces: Ints, component: Ints, distance: float) -> Approach | None:
-    """Return where two components are nearest to each other, if they come within ``distance``.
+    """Return where two components come nearest to each other, None if they stay farther apart than ``distance``.
 
-    Points along edges of one are tested against the triangles of the other where a vertex is as near to it as half its
-    edges are long: an edge that passes through a triangle has such an end. Two components differ in a binary digit of
-    their numbers, so that a few halves of the mesh are compared however many components there are.
+    ``component`` (m,) is the number of the component of each of ``faces`` (m, 3). The search for each pair of halves
+    stops at the first distance within ``distance``. Points along edges of the first are tested against the triangles of
+    the other where a vertex is as near to it as half its edges are long: an edge that passes through a triangle has
+    such an end. Two components differ in a binary digit of their numbers, so that few halves are compared however many
+    components there are.
     """
     best: Approach | None = None
     for digit in range(int(component.max()).bit_length()):
@@ -58,7 +63,10 @@ def closest_approach(vertices: Floats, faces: Ints, component: Ints, distance: f
 
 
 def _approach(vertices: Floats, faces: Ints, others: Ints, distance: float) -> Approach | None:
-    """Return where edges of ``faces`` are nearest to the triangles ``others``, if within ``distance``."""
+    """Return a point on edges of ``faces`` within ``distance`` of the triangles ``others``, with its distance, or None.
+
+    Both are (m, 3) vertex numbers. After :data:`DIVISIONS` divisions the nearest point is returned, even if farther.
+    """
     corners = vertices[others]
     ends = _candidate_edges(vertices, faces, corners, distance)
     if not len(ends):
@@ -81,7 +89,10 @@ def _approach(vertices: Floats, faces: Ints, others: Ints, distance: float) -> A
 
 
 def _candidate_edges(vertices: Floats, faces: Ints, corners: Floats, distance: float) -> Ints:
-    """Return (k, 2) the edges of ``faces`` with an end as near to triangles ``corners`` (c, 3, 3) as half its edges."""
+    """Return (k, 2) the edges of ``faces`` of which an end is near to the triangles ``corners`` (c, 3, 3).
+
+    Near means within half the longest edge at that vertex plus ``distance``.
+    """
     start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     length = np.linalg.norm(vertices[end] - vertices[start], axis=1)
     reach = np.zeros(len(vertices))

@@ -26,14 +26,14 @@ def edge_loop(
     """Return the boundary of an open mesh: one of its loops, or all of them.
 
     Its direction is such that the mesh lies to its left, seen from the tips of the normals of the faces (by their
-    winding; where that is inconsistent, by that of most faces at a loop).
+    winding; if that is inconsistent, by that of most faces at a loop).
 
     Parameters
     ----------
     file : str or Path
         An OBJ, PLY, STL or OFF file.
     vertices, faces : (n, 3) and (m, 3) arrays
-        Instead of a file.
+        Vertices and triangles, instead of a file.
     surface : TriangleMesh
         Instead of both, a source of the kind ``mesh.triangles``. A scene file's boundary takes the scene's
         surface where it names no mesh.
@@ -63,7 +63,7 @@ def feature_edges(
     angle: float = 40.0,
     chain: int | None = None,
 ) -> Polyline:
-    """Return the creases of a mesh, one chain of them or all, and with them edges that three or more triangles share.
+    """Return the creases of a mesh, including edges of three or more triangles, as one chain of edges or all chains.
 
     Chains end where a number of such edges other than two meet; a closed crease is one chain. Their direction is that
     in which most of their edges lead to the vertex of the higher number.
@@ -73,7 +73,7 @@ def feature_edges(
     file : str or Path
         An OBJ, PLY, STL or OFF file.
     vertices, faces : (n, 3) and (m, 3) arrays
-        Instead of a file.
+        Vertices and triangles, instead of a file.
     surface : TriangleMesh
         Instead of both, a source of the kind ``mesh.triangles``. A scene file's boundary takes the scene's
         surface where it names no mesh.
@@ -101,7 +101,7 @@ def feature_edges(
 
 
 def _curve(mesh: TriangleMesh, chains: Chains) -> Polyline:
-    """Return chains of a mesh's edges as a polyline."""
+    """Return ``chains`` of edges of ``mesh`` as a polyline that interpolates values at the user's vertices."""
     vertices = chains.vertices
     return Polyline(
         vertices=mesh.vertices[vertices],
@@ -114,12 +114,9 @@ def _curve(mesh: TriangleMesh, chains: Chains) -> Polyline:
 
 
 def as_mesh_source(kind: str, file: str | Path | None, vertices: Any, faces: Any, surface: Any) -> TriangleMesh:
-    """Return the mesh that the keys of ``kind`` give.
+    """Return the mesh of a curve's keys: ``surface`` itself, or a faceted mesh from ``file`` or from arrays.
 
-    Raises
-    ------
-    InputError
-        If they give none or several, or a surface that is no mesh.
+    Raise InputError, which names ``kind``, if none or several are given, or ``surface`` is no ``TriangleMesh``.
     """
     arrays = vertices is not None or faces is not None
     count = (file is not None) + arrays + (surface is not None)
@@ -137,7 +134,7 @@ def as_mesh_source(kind: str, file: str | Path | None, vertices: Any, faces: Any
 
 
 def _number(value: Any, name: str, count: int) -> int:
-    """Return ``value``, that of the key ``name``, as a number from 0 to ``count`` - 1."""
+    """Return ``value`` as an int from 0 to ``count`` - 1; raise InputError that names the key ``name`` if it is not."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value < count:
         raise InputError(f"{name} must be a whole number from 0 to {count - 1}, the longest first, got {shown(value)}.")
     return int(value)

@@ -28,7 +28,9 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
     Returns
     -------
     vertices : (n, 3) float64
+        Distinct positions.
     faces : (m, 3) int64
+        The vertices of each triangle.
 
     Raises
     ------
@@ -54,7 +56,10 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
 
 
 def _parse(file: Path) -> tuple[Floats, Polygons]:
-    """Return the vertices (n, 3) and faces as the file has them."""
+    """Return the vertices (n, 3) and the polygons of ``file`` as they are stored, unchecked.
+
+    Raise InputError if it cannot be read, does not parse by its suffix, or does not fit into memory.
+    """
     from cpmkit_mesh.mesh_formats import read_off, read_ply_mesh, read_stl
     from cpmkit_mesh.obj import read_obj
 
@@ -71,15 +76,11 @@ def _parse(file: Path) -> tuple[Floats, Polygons]:
 
 
 def as_mesh(vertices: Any, faces: Any) -> tuple[Floats, Ints]:
-    """Return vertices (n, 3) and triangles (m, 3) of a mesh in space, or in the plane: there z is zero.
+    """Return vertices (n, 3) and triangles (m, 3) of a mesh given by ``vertices`` (n, 3) or (n, 2), then z = 0.
 
-    Faces of more corners are cut into triangles.
-
-    Raises
-    ------
-    InputError
-        If a shape or type is wrong, there are no vertices or no faces, a face names a vertex that is
-        not there or not finite, or crosses itself.
+    ``faces`` are (m, c) or sequences of vertex numbers; faces of more than three corners are cut into triangles. Raise
+    InputError if a shape or type is wrong, there are no vertices or no faces, a face has a vertex number out of range,
+    crosses itself, or uses a vertex that is not finite or too large.
     """
     points = as_numbers(vertices, "vertices")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
@@ -102,13 +103,7 @@ def as_mesh(vertices: Any, faces: Any) -> tuple[Floats, Ints]:
 
 
 def as_numbers(values: Any, name: str) -> np.ndarray:
-    """Return ``values``, those of the key ``name``, as an array of numbers.
-
-    Raises
-    ------
-    InputError
-        If they are anything else.
-    """
+    """Return ``values`` as an array of whole or floating numbers; raise InputError naming the key ``name`` if not."""
     try:
         array = np.asarray(values)
     except ValueError as error:
@@ -119,15 +114,7 @@ def as_numbers(values: Any, name: str) -> np.ndarray:
 
 
 def at_same_place(points: Floats | Ints) -> tuple[Ints, Ints]:
-    """Find points at exactly the same place.
-
-    Returns
-    -------
-    first : (k,) int64
-        The first point at each distinct place, in increasing order.
-    place : (n,) int64
-        For each point its place: ``points[first][place]`` equals ``points``.
-    """
+    """Find groups of equal rows among ``points`` (n, d)."""
     order = np.lexsort(points.T)
     new = np.ones(len(points), dtype=bool)
     new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
@@ -142,6 +129,6 @@ def at_same_place(points: Floats | Ints) -> tuple[Ints, Ints]:
 
 
 def distinct_faces(faces: Ints) -> Ints:
-    """Return the rows of ``faces`` (m, 3) with three different vertices that no earlier face has, ascending."""
+    """Return (k,) ascending row numbers of ``faces`` (m, 3): three different vertices, not those of an earlier face."""
     proper = np.flatnonzero((faces != np.roll(faces, 1, axis=1)).all(axis=1))
     return proper[at_same_place(np.sort(faces[proper], axis=1))[0]] if len(proper) else proper

@@ -17,13 +17,7 @@ FIRST_WORD = re.compile(r"((?:ST)?C?N?OFF)(\d*)", re.IGNORECASE)
 
 
 def read_off(data: bytes) -> tuple[Floats, Polygons]:
-    """Return the vertices (n, 3) and the faces of an OFF file.
-
-    Raises
-    ------
-    InputError
-        If it is no OFF file, or a line is damaged, missing or superfluous.
-    """
+    """Return the vertices (n, 3) and the polygons in the bytes ``data`` of a text OFF file."""
     rows = [(number, words) for number, line in enumerate(text_lines(data), 1) if (words := line.split())]
     first = FIRST_WORD.fullmatch(rows[0][1][0]) if rows else None
     if not first or rows[0][1][1:2] == ["BINARY"]:
@@ -40,7 +34,7 @@ def read_off(data: bytes) -> tuple[Floats, Polygons]:
 
 
 def _vertices(rows: list[tuple[int, list[str]]]) -> Floats:
-    """Return the vertices (n, 3) in the lines of an OFF file."""
+    """Return vertices (n, 3) in ``rows``, the line number and words of each; raise InputError for a damaged line."""
     for number, words in rows:
         if len(words) < 3:
             raise InputError(f"line {number} holds no vertex of three coordinates.")
@@ -48,7 +42,10 @@ def _vertices(rows: list[tuple[int, list[str]]]) -> Floats:
 
 
 def _polygons(rows: list[tuple[int, list[str]]], vertices: int) -> Polygons:
-    """Return the faces in the lines of an OFF file."""
+    """Return the faces in ``rows``, the line number and words of each line; ``vertices`` is the number of vertices.
+
+    Raise InputError if a line is damaged, has too few corners, or a vertex number out of range.
+    """
     lines = np.array([number for number, _ in rows], dtype=np.int64)
     counts = parse_ints([words[0] for _, words in rows], lines)
     for count, (number, words) in zip(counts, rows, strict=True):
@@ -68,12 +65,10 @@ VERTEX_LIST_NAMES = ("vertex_indices", "vertex_index")
 
 
 def read_ply_mesh(data: bytes) -> tuple[Floats, Polygons]:
-    """Return the vertices (n, 3) and the faces of a PLY file.
+    """Return the vertices (n, 3) and the polygons, none without faces, in the bytes ``data`` of a PLY file.
 
-    Raises
-    ------
-    InputError
-        If it is no PLY file, is damaged, or a face names a vertex that is not there.
+    Raise InputError if it is no PLY file, is damaged, holds strips, a face of less than three corners, or a vertex
+    number out of range.
     """
     tables = read_ply(data)
     vertices, faces = ply_vertices(tables), tables.get("face", {})
@@ -102,13 +97,7 @@ FACET_WORDS = ("facet", "outer", "vertex", "vertex", "vertex", "endloop", "endfa
 
 
 def read_stl(data: bytes) -> tuple[Floats, Polygons]:
-    """Return the corners (n, 3) of an STL file, three a triangle, and the triangles.
-
-    Raises
-    ------
-    InputError
-        If it is no STL file, is cut off, or a line is damaged.
-    """
+    """Return corners (3 m, 3) of m triangles in the bytes ``data`` of an STL file, text or binary, and triangles."""
     claimed = int.from_bytes(data[80:STL_HEAD_BYTES], "little") if len(data) >= STL_HEAD_BYTES else -1
     if claimed >= 0 and len(data) == STL_HEAD_BYTES + claimed * STL_RECORD.itemsize:
         corners = np.frombuffer(data, STL_RECORD, offset=STL_HEAD_BYTES)["corners"].reshape(-1, 3).astype(np.float64)
@@ -123,7 +112,10 @@ def read_stl(data: bytes) -> tuple[Floats, Polygons]:
 
 
 def _read_text_stl(data: bytes) -> Floats:
-    """Return the corners (n, 3) of the triangles in a text STL file."""
+    """Return the corners (3 m, 3) of the m triangles in the bytes ``data`` of a text STL file, unwelded.
+
+    Raise InputError if it is cut off, or a line is out of order or damaged.
+    """
     rows = [(number, words) for number, line in enumerate(text_lines(data), 1) if (words := line.split())]
     first = [words[0].lower() for _, words in rows]
     if first[-1] != "endsolid" and first[-2:] != ["end", "solid"]:

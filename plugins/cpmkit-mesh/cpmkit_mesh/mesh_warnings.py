@@ -36,14 +36,17 @@ TOUCHING_SPACINGS = 0.5
 
 
 def mesh_warnings(mesh: TriangleMesh) -> tuple[str, ...]:
-    """Return warnings that hold at any spacing: changes, the number of components, and where the mesh branches."""
+    """Return warnings that hold at any spacing: repairs, several components, and edges of three or more triangles."""
     count = int(mesh.component.max()) + 1
     several = [f"The mesh has {count} pieces that share no edge; each is solved by itself."] if count > 1 else []
     return (*mesh.repaired.notes, *several, *_nonmanifold_warnings(mesh))
 
 
 def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:
-    """Return warnings about places near which closest points jump, in the user's coordinates."""
+    """Return warnings about touching components and long creases, near which closest points jump, at grid ``spacing``.
+
+    Places in the sentences are in the coordinates of the mesh as the user gave it, before translations.
+    """
     return (
         *_touching_warnings(mesh, spacing),
         *_crease_warnings(mesh, spacing),
@@ -51,7 +54,7 @@ def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...
 
 
 def _touching_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
-    """Return a warning if two components are within :data:`TOUCHING_SPACINGS` or pass through each other."""
+    """Return a warning if components come within :data:`TOUCHING_SPACINGS` times ``spacing`` or intersect, else []."""
     approach = closest_approach(mesh.vertices, mesh.faces, mesh.component, TOUCHING_SPACINGS * spacing)
     if approach is None:
         return []
@@ -63,7 +66,10 @@ def _touching_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
 
 
 def _crease_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
-    """Return a warning if the mesh has creases of more than :data:`LONG_CREASE_ROOTS_OF_AREA`, short ones left out."""
+    """Return a warning if creases longer than :data:`SHORT_CREASE_SPACINGS` exceed :data:`LONG_CREASE_ROOTS_OF_AREA`.
+
+    Else return []. ``spacing`` is that of the grid; lengths are weighted by the square of the angle over a right one.
+    """
     creases = mesh.inner_edges.take(mesh.inner_edges.angle > np.deg2rad(mesh.crease_angle))
     creases = creases.take(_connected_length(creases) > SHORT_CREASE_SPACINGS * spacing)
     areas = 0.5 * double_areas(mesh.vertices, mesh.faces)
@@ -81,7 +87,7 @@ def _crease_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
 
 
 def _connected_length(creases: InnerEdges) -> Floats:
-    """Return for each edge (k,) the total length of the edges connected with it, its own included."""
+    """Return (k,) for each of the edges ``creases`` the total length of the creases connected with it and its own."""
     used, node = np.unique(creases.ends, return_inverse=True)
     node = node.reshape(-1, 2)
     component = components(node, len(used))[node[:, 0]]
@@ -90,7 +96,10 @@ def _connected_length(creases: InnerEdges) -> Floats:
 
 
 def _share_near(mesh: TriangleMesh, creases: InnerEdges, areas: Floats, distance: float) -> float:
-    """Return the share of the surface within ``distance`` of the creases, estimated by random points."""
+    """Return the share of the area within ``distance`` of ``creases``, estimated by random points of fixed seed.
+
+    ``areas`` (m,) are those of the triangles.
+    """
     rng = np.random.default_rng(0)
     faces = mesh.faces[rng.choice(len(areas), AREA_POINTS, p=areas / areas.sum())]
     points = np.einsum("nc,ncd->nd", rng.dirichlet(np.ones(3), AREA_POINTS), mesh.vertices[faces])
@@ -99,7 +108,10 @@ def _share_near(mesh: TriangleMesh, creases: InnerEdges, areas: Floats, distance
 
 
 def _crease_consequence(smooth: bool, creases: InnerEdges, spacing: float) -> str:
-    """Return the end of the warning about creases: their effect on a solution at this spacing, and a remedy if any."""
+    """Return the end of the warning about ``creases``: their effect on a solution at ``spacing``, and a remedy if any.
+
+    ``smooth`` says whether closest points follow interpolated normals.
+    """
     radius = creases.width / creases.angle
     order = np.argsort(radius)
     passed = np.cumsum(creases.length[order])
@@ -119,7 +131,7 @@ def _crease_consequence(smooth: bool, creases: InnerEdges, spacing: float) -> st
 
 
 def _nonmanifold_warnings(mesh: TriangleMesh) -> list[str]:
-    """Return a warning if the mesh has edges of three triangles or more."""
+    """Return a warning if the mesh has edges of three triangles or more, else []."""
     edges = nonmanifold_edges(mesh.faces, mesh.adjacency)
     if not len(edges):
         return []

@@ -23,13 +23,7 @@ VERTEX_LINE_WORDS = (4, 5, 7, 8)
 
 
 def read_obj(data: bytes) -> tuple[Floats, Polygons]:
-    """Return the vertices (n, 3) and the faces of an OBJ file.
-
-    Raises
-    ------
-    InputError
-        If a line is damaged, or of a kind that is not read.
-    """
+    """Return the vertices (n, 3) and the polygons in the bytes ``data`` of an OBJ file."""
     coordinates: list[str] = []
     vertex_lines: list[int] = []
     corners: list[str] = []
@@ -59,7 +53,10 @@ def read_obj(data: bytes) -> tuple[Floats, Polygons]:
 
 
 def split_lines(data: bytes) -> list[tuple[int, list[str]]]:
-    """Return the number of each line that is not empty, and its words; a backslash joins a line to the next."""
+    """Return the line number and the words of each line of an OBJ file that is not empty; a last backslash joins lines.
+
+    A joined line has the number of its last part; a last line that ends with a backslash has the number 0.
+    """
     rows, joined = [], ""
     for number, line in enumerate(text_lines(data), 1):
         if line.endswith("\\"):
@@ -80,7 +77,11 @@ def _is_unit(word: str) -> bool:
 
 
 def zero_based(index: Ints, before: Ints, count: int, lines: Ints) -> Ints:
-    """Return (n,) zero-based numbers of vertices; OBJ counts from 1, negative numbers back from the last one so far."""
+    """Return (n,) zero-based numbers of the vertices ``index`` (n,), counted from 1, or, negative, back from the last.
+
+    ``before`` (n,) is the number of vertices so far, ``count`` that of all, ``lines`` (n,) are line numbers. Raise
+    InputError, which names the line, for 0 and numbers out of range.
+    """
     zero = np.flatnonzero(index == 0)
     if len(zero):
         raise InputError(f"line {lines[zero[0]]} names vertex 0, and OBJ counts vertices from 1.")
@@ -104,7 +105,8 @@ def read_texture_coordinates(path: str | Path) -> tuple[Floats, Ints]:
     coordinates : (k, 2) float64
         u to the right and v upwards, as the file has them; a third coordinate is left out.
     corners : (m, 3) int64
-        Those of the corners of each triangle, in the order of the triangles and corners of :func:`read_mesh`.
+        Row in ``coordinates`` of each corner of each triangle, in the order of the triangles and corners of
+        :func:`read_mesh`.
 
     Raises
     ------
@@ -127,7 +129,10 @@ def read_texture_coordinates(path: str | Path) -> tuple[Floats, Ints]:
 
 
 def _texture(data: bytes) -> tuple[Floats, Ints]:
-    """Return the texture coordinates (k, 2) of a file, and which of them each corner of its faces has."""
+    """Return the texture coordinates (k, 2) in an OBJ file's bytes, and (c,) the row for each corner of its faces.
+
+    Raise InputError if a line is damaged, or a corner has no texture coordinate.
+    """
     words_of, lines, corners, corner_lines, before = [], [], [], [], []
     for number, words in split_lines(data):
         if words[0] == "vt":

@@ -17,10 +17,14 @@ NEAR_EDGE_COORDINATE = 1e-3
 
 
 class OrientedTriangleMesh(TriangleMesh):
-    """A mesh of consistent winding, so that its normals have one sign."""
+    """A triangle mesh whose faces have consistent winding, so that its normals have one sign."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit normals at ``feet``, interpolated from the vertices, of the sign of the faces' winding."""
+        """Return (n, 3) unit normals at closest points ``feet``, interpolated between the corners' normals.
+
+        Their sign follows the winding of the faces. Where the interpolated vector vanishes, the normal at the
+        triangle's first corner is returned.
+        """
         face, local = self._locate(feet)
         normals = np.einsum("nc,nck->nk", local, self.normals_at_corners[face])
         vanished = np.linalg.norm(normals, axis=1) <= ON_EDGE_COORDINATE
@@ -28,14 +32,15 @@ class OrientedTriangleMesh(TriangleMesh):
         return unit(normals)
 
     def all_warnings(self) -> tuple[str, ...]:
-        """Return one sentence for each repair, about the pieces, and about triangles that are not read as smooth."""
+        """Return a sentence for each repair, about pieces, branches, and triangles off which normals lean if smooth."""
         return (*super().all_warnings(), *support_warnings(self)) if self.smooth else super().all_warnings()
 
     def facet_normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit normals of those triangles at ``feet`` that are flat: with a corner at a crease.
+        """Return (n, 3) unit normals of the flat triangles at closest points ``feet``; NaN where the surface is smooth.
 
-        They are NaN elsewhere, and at corners off creases and on edges between such corners, where the surface is
-        smooth from the other side.
+        A triangle is flat if it has a corner at a crease (:attr:`at_crease`). Rows are also NaN where no corner at a
+        crease has a barycentric coordinate above :data:`NEAR_EDGE_COORDINATE`: the surface beyond that corner or edge
+        is smooth.
         """
         face, local = self._locate(feet)
         is_flat = (self.at_crease[self.faces[face]] & (local > NEAR_EDGE_COORDINATE)).any(axis=1)
@@ -45,7 +50,7 @@ class OrientedTriangleMesh(TriangleMesh):
 
     @cached_property
     def at_crease(self) -> Bools:
-        """(k,) whether a smooth mesh has a crease at each vertex; edges of three triangles or more are creases too."""
+        """(k,) whether each vertex is at a crease or at an edge of three or more triangles; False on a faceted mesh."""
         at = np.zeros(len(self.vertices), dtype=bool)
         if self.smooth:
             at[self.inner_edges.ends[self.inner_edges.angle > np.deg2rad(self.crease_angle)]] = True
@@ -54,4 +59,5 @@ class OrientedTriangleMesh(TriangleMesh):
 
     @property
     def _normals_to_follow(self) -> Floats:
+        """(m, 3, 3) the normals at the corners of each face, tilted so that they are normal to unsupported edges."""
         return supported_normals(self)

@@ -39,7 +39,7 @@ class DrawnLine:
     Attributes
     ----------
     surface : ClosestPointSource
-        The surface.
+        The surface on which the line lies.
     step : float
         Largest distance between neighbouring points of the line where the surface is flat.
     clicks : (k, d) float64
@@ -66,15 +66,7 @@ class DrawnLine:
         return np.concatenate([self.surface.closest_point(chords).points, ends[-1:]])
 
     def with_click(self, point: Floats) -> DrawnLine:
-        """Return the line with one more click, the surface point closest to ``point`` (d,); in the plane (3,) too.
-
-        A click at the place of the last one changes nothing.
-
-        Raises
-        ------
-        InputError
-            If the line from the last click to the new one would leave the surface and jump.
-        """
+        """Return the line with a further click, the surface point closest to ``point``, (d,) or, in the plane, (3,)."""
         place = np.asarray(point, dtype=np.float64)[None, : self.surface.dim]
         foot = self.surface.closest_point(np.ascontiguousarray(place)).points
         if len(self.clicks) and np.linalg.norm(foot[0] - self.clicks[-1]) <= SAME_CLICK_STEPS * self.step:
@@ -89,10 +81,8 @@ class DrawnLine:
     def checked_points(self) -> Floats:
         """Return the points (n, d) of the finished line.
 
-        Raises
-        ------
-        InputError
-            If it has fewer than two clicks (three if it is closed), or its end cannot be connected to its start.
+        Raise InputError if it has fewer than two clicks (three if it is closed), or its end cannot be connected to its
+        start.
         """
         least = 3 if self.closed else 2
         if len(self.clicks) < least:
@@ -103,13 +93,7 @@ class DrawnLine:
 
 
 def start_line(surface: ClosestPointSource, step: float, closed: bool = False) -> DrawnLine:
-    """Return a line on ``surface`` without clicks.
-
-    Raises
-    ------
-    InputError
-        If ``surface`` is no surface but points, a curve or a solid.
-    """
+    """Return a line on ``surface`` without clicks, with points at most ``step`` apart, closed or open."""
     if surface.manifold_dim not in (2, None):
         kind = {0: "points", 1: "a curve"}.get(surface.manifold_dim, "a solid")
         raise InputError(f"lines are drawn on surfaces, and this is {kind}.")
@@ -117,7 +101,7 @@ def start_line(surface: ClosestPointSource, step: float, closed: bool = False) -
 
 
 def check_no_jump(line: DrawnLine) -> None:
-    """Raise InputError if a line jumps from one part of the surface to another."""
+    """Raise InputError if neighbouring points of ``line`` are farther apart than :data:`LARGEST_GAP_STEPS` steps."""
     gaps = np.linalg.norm(np.diff(line.points, axis=0), axis=1)
     if len(gaps) and gaps.max() > LARGEST_GAP_STEPS * line.step:
         place = ", ".join(f"{x:.4g}" for x in line.points[int(gaps.argmax())])
@@ -129,10 +113,7 @@ def check_no_jump(line: DrawnLine) -> None:
 def check_line_file(path: str | Path, surface: ClosestPointSource) -> Path:
     """Return ``path`` if a line on ``surface`` can be written to such a file.
 
-    Raises
-    ------
-    InputError
-        If the suffix is not accepted, or it is an OBJ file and the surface is in the plane.
+    Raise InputError if the suffix is not accepted, or it is an OBJ file and the surface is in the plane.
     """
     path = Path(path)
     if path.suffix.lower() not in LINE_SUFFIXES:
@@ -168,9 +149,9 @@ HELP = "right click: add a point,  BackSpace: remove it,  q: done"
 
 
 def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, closed: bool = False) -> Floats:
-    """Show a surface or a solution in a window, in which clicks draw a line, and return the line.
+    """Return the points (n, d) of a line that the user draws by clicks in a window that shows a surface or a solution.
 
-    See :func:`cpmkit.pick_line`.
+    Block until the window closes; write the line to ``path`` if given. See :func:`cpmkit.pick_line`.
     """
     from cpmkit.plugin import Solution, as_source
 
@@ -185,15 +166,7 @@ def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, clos
 
 
 class Canvas:
-    """The window in which clicks add points to a line, which is then drawn again.
-
-    Attributes
-    ----------
-    line : DrawnLine
-        The line so far.
-    plotter : pyvista.Plotter
-        The plotter of the window.
-    """
+    """A window in which each click adds a point to a line and draws the line again."""
 
     def __init__(self, line: DrawnLine, mesh: Any) -> None:
         """Open the window with a mesh of pyvista and a line without clicks."""
@@ -208,7 +181,7 @@ class Canvas:
         self.say(HELP)
 
     def click(self, point: Any) -> None:
-        """Add the surface point closest to ``point`` (3,) under the mouse, or show why the line cannot go there."""
+        """Add the surface point closest to ``point`` (3,) to the line and draw it, or show why that is refused."""
         try:
             self.line = self.line.with_click(point)
         except InputError as error:
@@ -216,12 +189,12 @@ class Canvas:
         self.draw()
 
     def remove_last(self) -> None:
-        """Remove the last click."""
+        """Remove the last click from the line and draw it again."""
         self.line = self.line.without_last()
         self.draw()
 
     def draw(self) -> None:
-        """Draw the line and its clicks."""
+        """Replace the line and its clicks in the window by those of :attr:`line`, and show the help text."""
         pyvista = _pyvista()
         self.plotter.remove_actor(["clicks", "line"])
         if len(self.line.clicks):
@@ -235,17 +208,15 @@ class Canvas:
         self.say(HELP)
 
     def say(self, sentence: str) -> None:
-        """Write a sentence at the upper edge of the window."""
+        """Replace the text at the upper left of the window by ``sentence``."""
         self.plotter.add_text(sentence, name="sentence", font_size=9, position="upper_left")
 
 
 def shown_mesh(shown: Any, surface: ClosestPointSource) -> Any:
-    """Return the ``pyvista.PolyData`` of a solution, or of a ``surface`` without a solution.
+    """Return the ``pyvista.PolyData`` of ``shown`` if it is a solution, else of the source ``surface``.
 
-    Raises
-    ------
-    InputError, MissingDependencyError
-        As :func:`pick_line` does.
+    A source without triangles gives its points. Raise InputError if it has no mesh, MissingDependencyError without
+    pyvista.
     """
     pyvista = _pyvista()
     from cpmkit.plugin import Solution
@@ -262,18 +233,12 @@ def shown_mesh(shown: Any, surface: ClosestPointSource) -> Any:
 
 
 def _size(surface: ClosestPointSource) -> float:
-    """Return the length of the longest side of the surface's bounds."""
+    """Return the longest side of the surface's bounding box."""
     return float(np.ptp(surface.bounds, axis=0).max())
 
 
 def _pyvista() -> Any:
-    """Return the module pyvista.
-
-    Raises
-    ------
-    MissingDependencyError
-        If it does not import.
-    """
+    """Return the module pyvista; raise MissingDependencyError if it does not import."""
     try:
         return import_module("pyvista")
     except ImportError as error:

@@ -22,18 +22,12 @@ LEFT_OF_OFFSET_SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PlaneSection(Polyline):
-    """Chains of segments in a plane and in triangles of a mesh; left is where the plane's normal points.
-
-    Attributes
-    ----------
-    conormals : (m, 3) float64
-        The unit vector across each segment to its left, in the plane of its triangle.
-    """
+    """The curve in which a plane cuts a mesh: segments in its triangles; the plane's normal points to its left."""
 
     conormals: Floats
 
     def leftward(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit vectors across the curve to its left, at a vertex the mean of both segments'."""
+        """Return (n, 3) unit conormals to the left of the curve at closest points ``feet``; at vertices the mean."""
         segment, t = self._locate(feet)
         left = self.conormals[segment]
         start, end = t <= AT_VERTEX_SHARE, t >= 1.0 - AT_VERTEX_SHARE
@@ -45,7 +39,7 @@ class PlaneSection(Polyline):
 
     @property
     def left_of(self) -> Floats:
-        """(3,) a point to the left of the curve."""
+        """(3,) a point beside the first segment's middle, a little to the left of the curve."""
         offset = LEFT_OF_OFFSET_SHARE * float(np.ptp(self.bounds, axis=0).max())
         return np.asarray(self.vertices[self.segments[0]].mean(axis=0) + offset * self.conormals[0])
 
@@ -57,15 +51,11 @@ class PlaneSection(Polyline):
 
 
 def plane_section(mesh: TriangleMesh, point: Floats, normal: Floats) -> PlaneSection:
-    """Return the section of ``mesh`` by the plane through ``point`` (3,) across ``normal`` (3,).
+    """Return the curve in which ``mesh`` meets the plane through ``point`` (3,) with normal vector ``normal`` (3,).
 
     Vertices lie in the plane if they are as near to it as rounding. They count as left of it, or, if no vertex is right
-    of it then, as right: the section of faces in the plane is their outline.
-
-    Raises
-    ------
-    InputError
-        If the plane misses the mesh, or touches it only.
+    of it then, as right: the section of faces in the plane is their outline. Raise InputError if the plane misses the
+    mesh, or touches it only.
     """
     used = np.arange(len(mesh.vertices))
     height = (mesh.vertices - point) @ unit(normal[None])[0]
@@ -81,10 +71,11 @@ def plane_section(mesh: TriangleMesh, point: Floats, normal: Floats) -> PlaneSec
 
 
 def _section_between(mesh: TriangleMesh, height: Floats, left: Bools) -> PlaneSection | None:
-    """Return the section between the vertices that are ``left`` (k,) and the others; None if there is none.
+    """Return the section of the mesh that separates the vertices marked ``left`` (k,) from the others; None if empty.
 
-    In each triangle the segment starts on the edge that leads from left to right in the triangle's orientation: left is
-    then to its left, seen from the tip of the normal.
+    ``height`` (k,) are the vertices' signed distances from the plane. In each triangle the segment starts on the edge
+    that leads from left to right in the triangle's orientation: left is then to its left, seen from the tip of the
+    normal.
     """
     start, end = left[mesh.faces[:, [1, 2, 0]]], left[mesh.faces[:, [2, 0, 1]]]  # edge e is opposite corner e
     cell = np.flatnonzero((start != end).any(axis=1))
@@ -111,9 +102,9 @@ def _section_between(mesh: TriangleMesh, height: Floats, left: Bools) -> PlaneSe
 
 
 def _remove_spurs(chains: Chains, name: Ints) -> Chains:
-    """Return the chains without repeated places and without parts that lead to a place and back.
+    """Return the chains without repeated points and without parts that lead to a point and back the same way.
 
-    Nodes with the same ``name`` lie at one place.
+    ``name`` (n,) has equal entries for nodes at one point.
     """
     vertices, chain, closed = chains.vertices, chains.chain, chains.closed
     dropped = np.ones(1, dtype=bool)
@@ -134,7 +125,10 @@ def _remove_spurs(chains: Chains, name: Ints) -> Chains:
 
 
 def _remove_touching(chains: Chains, name: Ints, places: Floats) -> Chains:
-    """Return the chains without segments that occur twice: the plane touches the mesh along an edge there."""
+    """Return the chains, ordered anew, without segments that occur twice: there the plane touches the mesh in an edge.
+
+    ``name`` (n,) has equal entries for nodes at one point of ``places`` (n, 3).
+    """
     if not len(chains):
         return chains
     segments = name[chains.vertices][chains.segments()]
@@ -148,7 +142,7 @@ def _remove_touching(chains: Chains, name: Ints, places: Floats) -> Chains:
 
 
 def _find_pairs(pairs: Ints, wanted: Ints) -> Ints:
-    """Return the row (k,) of each of ``wanted`` (k, 2) among ``pairs`` (m, 2), in either order."""
+    """Return (k,) for each row of ``wanted`` (k, 2) the first row of ``pairs`` (m, 2) with the same numbers."""
     count = pairs.max() + 1
     keys, target = (np.sort(numbers, axis=1) @ [count, 1] for numbers in (pairs, wanted))
     order = np.argsort(keys, kind="stable")
@@ -156,7 +150,11 @@ def _find_pairs(pairs: Ints, wanted: Ints) -> Ints:
 
 
 def _conormals(mesh: TriangleMesh, cell: Ints, name: Ints, ends: Floats, left: Bools) -> Floats:
-    """Return (m, 3) unit vectors across segments to the left: in their triangles, at edges the mean of two."""
+    """Return (m, 3) unit vectors to the left across segments ``ends`` (m, 2, 3), each in triangle ``cell`` (m,).
+
+    ``name`` (m, 2) are the vertices at the ends, or numbers from k on for points inside edges; ``left`` (k,) marks the
+    vertices left of the plane. Of a segment along an edge the mean over both triangles is returned.
+    """
     along = unit(ends[:, 1] - ends[:, 0])
     corners = mesh.faces[cell]
     middle = ends.mean(axis=1)

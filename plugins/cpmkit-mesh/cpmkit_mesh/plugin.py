@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @hookimpl
 def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
-    """Return the factories of the five kinds."""
+    """Return the factory function of each of the five kinds of source, by the name of the kind."""
     return {
         "mesh.triangles": triangles,
         "mesh.polyline": polyline,
@@ -43,7 +43,7 @@ def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
 
 @hookimpl
 def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
-    """Return closed, open and disconnected meshes, faceted and smooth, polylines in 2D and 3D, edges and creases."""
+    """Return the conformance cases of meshes (closed, open, of two pieces), polylines, paths, rims and creases."""
     from cpmkit_mesh.conformance import cases
 
     return cases()

@@ -26,7 +26,10 @@ MOST_HEADER_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class Property:
-    """A property of an element: a number, or a list of numbers whose length is of the type ``length``."""
+    """A property of an element: a number, or a list of numbers.
+
+    ``type`` is the NumPy name of the numbers' type, ``length`` that of a list's length, None for a number.
+    """
 
     name: str
     type: str
@@ -55,12 +58,10 @@ Table = dict[str, Any]
 
 
 def read_ply(data: bytes) -> dict[str, Table]:
-    """Return the tables of a PLY file, text or binary, by the names of its elements.
+    """Return the tables of a PLY file's bytes ``data``, text or binary, by the names of its elements.
 
-    Raises
-    ------
-    InputError
-        If the data are no PLY file, are cut off, go on after the end, or hold other things than numbers.
+    A table maps each property to its column: an array (n,), or ``PlyLists``. Raise InputError if the data are no PLY
+    file, are cut off, go on after the end, or are not numbers.
     """
     form, elements, body = _header(data)
     if form == "ascii":  # the same rows in binary, every number in eight bytes
@@ -74,24 +75,12 @@ def read_ply(data: bytes) -> dict[str, Table]:
 
 
 def read_ply_points(data: bytes) -> Floats:
-    """Return the vertices (n, 3) of a PLY file.
-
-    Raises
-    ------
-    InputError
-        As :func:`read_ply` and :func:`ply_vertices` do.
-    """
+    """Return vertices (n, 3) in the bytes of a PLY file; raise InputError if it does not parse or lacks x, y or z."""
     return ply_vertices(read_ply(data))
 
 
 def ply_vertices(tables: dict[str, Table]) -> Floats:
-    """Return the vertices (n, 3) in the tables of a PLY file.
-
-    Raises
-    ------
-    InputError
-        If there are no vertices, or they lack a coordinate.
-    """
+    """Return vertices (n, 3) in the ``tables`` of :func:`read_ply`; raise InputError without properties x, y and z."""
     columns = [tables.get("vertex", {}).get(axis) for axis in "xyz"]
     if any(not isinstance(column, np.ndarray) for column in columns):
         raise InputError("it has no element vertex with the properties x, y and z.")
@@ -99,7 +88,11 @@ def ply_vertices(tables: dict[str, Table]) -> Floats:
 
 
 def _header(data: bytes) -> tuple[str, list[Element], bytes]:
-    """Return the encoding, the elements, and the data after the header; raise InputError if the header is damaged."""
+    """Return the encoding, the elements, and the bytes after the header of a PLY file's ``data``.
+
+    Raise InputError if a line is damaged, ``ply``, ``end_header`` or the format is missing, or an element repeats a
+    name.
+    """
     if not data.removeprefix(b"\xef\xbb\xbf").startswith(b"ply"):
         raise InputError("it does not begin with ply.")
     end = data.find(b"end_header", 0, MOST_HEADER_BYTES)
@@ -128,7 +121,7 @@ def _header(data: bytes) -> tuple[str, list[Element], bytes]:
 
 
 def _parse_property(words: list[str]) -> Property | None:
-    """Return the property in the words of a line of the header; None if the line is damaged."""
+    """Return the property in the ``words`` of a line of the header; None if the line is damaged."""
     if len(words) == 3 and words[1] in PLY_TYPES:
         return Property(words[2], PLY_TYPES[words[1]])
     if len(words) == 5 and words[1] == "list" and words[2] in PLY_TYPES and words[3] in PLY_TYPES:
@@ -137,7 +130,7 @@ def _parse_property(words: list[str]) -> Property | None:
 
 
 def _numbers(body: bytes) -> Floats:
-    """Return the numbers in a text, separated by blanks, as float64; raise InputError for other words."""
+    """Return numbers (n,) in the text ``body``, separated by blanks, as float64; raise InputError for other words."""
     words = body.split()
     try:
         if b"_" not in body:
@@ -148,13 +141,13 @@ def _numbers(body: bytes) -> Floats:
 
 
 def _of_doubles(element: Element) -> Element:
-    """Return the element with all numbers and lengths of lists of the type float64."""
+    """Return the element with the types of all its numbers and list lengths replaced by float64."""
     doubles = [Property(item.name, "f8", item.length and "f8") for item in element.properties]
     return Element(element.name, element.count, doubles)
 
 
 def _joined(element: Element, rows: list[list[np.ndarray]]) -> Table:
-    """Return the table of ``rows`` that were read one by one; each row has an array for each property."""
+    """Return the table of an element whose ``rows`` were read singly; each row has an array for each property."""
     table: Table = {}
     for place, one in enumerate(element.properties):
         parts = [row[place] for row in rows]
@@ -165,25 +158,28 @@ def _joined(element: Element, rows: list[list[np.ndarray]]) -> Table:
 
 
 def _length(value: Any) -> int:
-    """Return the length of a list as an int; raise InputError if it is not a whole number or too large."""
+    """Return ``value`` as an int; raise InputError unless it is whole and from 0 to :data:`MOST_LIST_ENTRIES`."""
     if not 0 <= value <= MOST_LIST_ENTRIES or value != int(value):
         raise InputError("it holds a list whose length is no whole number.")
     return int(value)
 
 
 class _Stream:
-    """The rows of elements in binary data, read in order from ``place`` on; ``order`` is the byte order."""
+    """A reader of elements' rows in binary ``data``, in order; ``place`` is its position, ``order`` the byte order."""
 
     def __init__(self, data: bytes, order: str) -> None:
         self.data, self.order, self.place = data, order, 0
 
     @property
     def bytes_left(self) -> int:
-        """Number of bytes that are not read yet."""
+        """Number of bytes not yet read."""
         return len(self.data) - self.place
 
     def table(self, element: Element) -> Table:
-        """Return the table of the next element, a column for each property; raise InputError if data are missing."""
+        """Return the table of the next element and move past it; raise InputError if the data end before its last row.
+
+        An element without properties has an empty table.
+        """
         if not element.properties:
             return {}
         if element.count > self.bytes_left:
@@ -193,7 +189,10 @@ class _Stream:
         return _joined(element, [self._row(element) for _ in range(element.count)])
 
     def _alike(self, element: Element) -> Table | None:
-        """Return the next element's table if lists have one length in all rows; else read nothing and return None."""
+        """Return the next element's table and move past it, if each list has one length in all rows; else return None.
+
+        The position then stays. Raise InputError if the data end in the first row.
+        """
         start = self.place
         first = self._row(element)
         self.place = start
@@ -213,7 +212,7 @@ class _Stream:
         return table
 
     def _record(self, element: Element, first: list[np.ndarray]) -> np.dtype[Any]:
-        """Return the NumPy type of a row whose lists are as long as those of the ``first`` row."""
+        """Return the NumPy type of a row of ``element`` whose lists are as long as those of the ``first`` row read."""
         fields: list[Any] = []
         for place, (one, part) in enumerate(zip(element.properties, first, strict=True)):
             if one.length:
@@ -222,7 +221,7 @@ class _Stream:
         return np.dtype(fields)
 
     def _row(self, element: Element) -> list[np.ndarray]:
-        """Return the next row of an element: an array for each property."""
+        """Return the next row of ``element``, an array for each property, and go on; raise InputError if data end."""
         row = []
         for item in element.properties:
             count = _length(self._take(1, item.length, element)[0]) if item.length else 1
@@ -230,7 +229,10 @@ class _Stream:
         return row
 
     def _take(self, count: int, kind: str, element: Element) -> np.ndarray:
-        """Return the next ``count`` numbers of type ``kind``; raise InputError if the data end before."""
+        """Return the next ``count`` numbers of the NumPy type ``kind`` and move past them.
+
+        Raise InputError, which names ``element``, if the data end before.
+        """
         dtype = np.dtype(self.order + kind)
         if count * dtype.itemsize > self.bytes_left:
             raise InputError(CUT_OFF_SENTENCE.format(count=element.count, name=shown(element.name)))

@@ -33,12 +33,9 @@ class Polygons:
 
 
 def polygons_of(faces: Any) -> Polygons:
-    """Return faces given as an array (m, c) of the same number of corners, or as sequences of several numbers.
+    """Return ``faces``, an array (m, c) of vertex numbers or a sequence of sequences of them, as polygons.
 
-    Raises
-    ------
-    InputError
-        If they are neither, are not whole numbers, or a face has fewer than three corners.
+    Raise InputError if they are neither, are not whole numbers, there are none, or a face has fewer than three corners.
     """
     accepted = "faces must be whole numbers, indices of vertices, three or more a face"
     rows = np.asarray(faces) if hasattr(faces, "__array__") else faces
@@ -60,13 +57,9 @@ def polygons_of(faces: Any) -> Polygons:
 def triangulate(vertices: Floats, polygons: Polygons) -> Ints:
     """Return (k, 3) the triangles of ``polygons`` in their order: of each a fan around one of its corners.
 
-    It is the first corner whose fan does not fold over, as others may where the polygon is not convex. If there is no
-    such corner, ears are clipped.
-
-    Raises
-    ------
-    InputError
-        If a polygon crosses itself, seen along its mean normal.
+    ``vertices`` (n, 3) are positions. The first corner whose fan does not fold over is taken, as others may where the
+    polygon is not convex. If there is no such corner, ears are clipped. Raise InputError if a polygon crosses itself,
+    seen along its mean normal.
     """
     counts = polygons.counts
     starts = np.cumsum(counts) - counts
@@ -81,7 +74,10 @@ def triangulate(vertices: Floats, polygons: Polygons) -> Ints:
 
 
 def _best_fans(vertices: Floats, corners: Ints, which: Ints) -> Ints:
-    """Return (m, c - 2, 3) the triangles of polygons ``corners`` (m, c), whose numbers are ``which``."""
+    """Return (m, c - 2, 3) the triangles of polygons ``corners`` (m, c), whose numbers, for errors, are ``which`` (m,).
+
+    Raise InputError if one crosses itself.
+    """
     count = corners.shape[1]
     best, least = _fan(corners, 0), _least_share(vertices, _fan(corners, 0))
     for start in range(1, count):
@@ -99,7 +95,10 @@ def _best_fans(vertices: Floats, corners: Ints, which: Ints) -> Ints:
 
 
 def _ears(vertices: Floats, corners: Ints, which: Ints) -> Ints:
-    """Return (m, c - 2, 3) the triangles of polygons that no fan fills, by clipping ears along their mean normals."""
+    """Return (m, c - 2, 3) the triangles of polygons ``corners`` (m, c), by clipping ears along their mean normals.
+
+    ``which`` (m,) are their numbers. Raise InputError if one crosses itself.
+    """
     from cpmkit_mesh.ear_kernels import clip_ears
 
     around = vertices[corners] - vertices[corners].mean(axis=1, keepdims=True)
@@ -125,7 +124,10 @@ def _fan(corners: Ints, start: int) -> Ints:
 
 
 def _least_share(vertices: Floats, fan: Ints) -> Floats:
-    """Return (m,) the least area of a fan's triangles over their mean, negative where one folds back."""
+    """Return (m,) the least signed area in each fan of triangles (m, t, 3) over their mean; negative if it folds back.
+
+    0 where the areas sum to zero, and where vertices are not finite.
+    """
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         a, b, c = (vertices[fan[:, :, k]] for k in range(3))
         size = np.abs(np.stack([b - a, c - a])).max(axis=(0, 2, 3))[:, None, None]

@@ -74,7 +74,7 @@ class Polyline:
 
     @property
     def closed(self) -> bool:
-        """Whether no chain has an end."""
+        """Whether every chain is closed."""
         return bool((self.ends < 0).all())
 
     @property
@@ -83,15 +83,12 @@ class Polyline:
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
-        """Return the closest points of ``x`` (n, d).
+        """Return the closest points of the queries ``x`` (n, d) on the segments.
 
-        ``element`` is the segment of the closest point, ``local`` (n, 1) its share of the segment, and ``edge`` 0 at
-        the start and 1 at the end of an open chain.
+        ``element`` is the segment of the closest point, ``local`` (n, 1) the share of the segment's length before it,
+        and ``edge`` 0 at the start of an open chain, 1 at its end, -1 elsewhere.
 
-        Raises
-        ------
-        InputError
-            If ``x`` does not have shape (n, d) or is not finite.
+        Raise InputError if ``x`` does not have shape (n, d) or is not finite.
         """
         nearest = find_nearest(self._tree, in_three_dimensions(as_points(x, self.dim)))
         segment, t = self._tree.order[nearest.slot], nearest.local[:, :1]
@@ -100,7 +97,7 @@ class Polyline:
         return ClosestPoints(np.ascontiguousarray(nearest.point[:, : self.dim]), nearest.distance, edge, segment, t)
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit tangents in the direction of the curve, at a vertex the mean of both segments'."""
+        """Return (n, d) unit tangents at closest points ``feet``, in the curve's direction; at vertices the mean."""
         segment, t = self._locate(feet)
         direction = self._directions[segment]
         at_start, at_end = t <= AT_VERTEX_SHARE, t >= 1.0 - AT_VERTEX_SHARE
@@ -109,7 +106,7 @@ class Polyline:
         return direction
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return ``values`` (value_count, ...) at the user's points interpolated along the segments at ``feet``."""
+        """Return (n, ...) ``values`` (value_count, ...) of the user's points, interpolated linearly at ``feet``."""
         segment, t = self._locate(feet)
         values = one_row_each(values, self.value_count, "points")
         ends = self.given_index[self.segments[segment]]
@@ -117,7 +114,7 @@ class Polyline:
         return (1.0 - t) * values[ends[:, 0]] + t * values[ends[:, 1]]
 
     def advice(self, _spacing: float, /) -> Advice:
-        """Return the error that the corners leave in any solution on the polyline."""
+        """Return advice with the error, at most 1, relative to the solution's range, that the corners cause."""
         start, end = self.segments.T
         along = np.concatenate([self._directions, self._directions])
         cosine = np.einsum("nd,nd->n", along, self._bisectors[np.concatenate([start, end])])
@@ -134,12 +131,15 @@ class Polyline:
         return self.given_points, self.given_index[self.segments]
 
     def translate(self, offset: Floats, /) -> Polyline:
-        """Return the polyline translated by ``offset`` (d,)."""
+        """Return a new polyline with vertices and given points translated by ``offset`` (d,)."""
         shift = as_vector(offset, self.dim, "offset")
         return replace(self, vertices=self.vertices + shift, given_points=self.given_points + shift)
 
     def _locate(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
-        """Return the segment (n,) of each closest point, and its share (n,) of the segment."""
+        """Return the segment (n,) of each closest point in ``feet`` and its share (n,) of the segment's length.
+
+        Raise InputError if ``feet`` lack ``element`` or ``local``: another source returned them.
+        """
         if feet.element is None or feet.local is None:
             raise InputError("feet must be records that this polyline answered: they lack element or local.")
         return feet.element, feet.local[:, 0]
@@ -150,7 +150,7 @@ class Polyline:
 
     @cached_property
     def _bisectors(self) -> Floats:
-        """(k, d) the tangent at each vertex; where the polyline turns back on itself, that of the segment before."""
+        """(k, d) the unit tangent at each vertex; where the polyline turns back, that of the segment before."""
         start, end = self.segments.T
         arriving, leaving = np.zeros_like(self.vertices), np.zeros_like(self.vertices)
         arriving[start], leaving[end] = self._directions, self._directions  # at an end, where there is one segment
@@ -173,8 +173,8 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
     points : (n, 2) or (n, 3) array
         At least two that differ, in the direction of the curve; repeated consecutive points count once.
     file : str or Path
-        A ``.npy`` file that holds such an array, a ``.csv``, ``.txt`` or ``.xyz`` file with a point a row, or an OBJ
-        file with one line.
+        A ``.npy`` file that holds such an array, a ``.csv``, ``.txt`` or ``.xyz`` file with one point in each row, or
+        an OBJ file with one line.
     closed : bool, optional
         True adds the segment from the last point to the first. By default a polyline is closed
         if its last point equals its first.
@@ -206,7 +206,7 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
 
 
 def _single_chain(points: Floats, rows: Ints, closed: bool) -> Polyline:
-    """Return the polyline through those of the user's ``points`` (n, d) at ``rows`` (k,)."""
+    """Return the polyline of one chain through those of the user's ``points`` (n, d) in ``rows`` (k,)."""
     k = len(rows)
     start = np.arange(k if closed else k - 1)
     ends = np.full(k, -1)

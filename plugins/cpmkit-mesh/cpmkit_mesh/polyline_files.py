@@ -13,16 +13,7 @@ from cpmkit_mesh.text import parse_floats, parse_ints, text_lines
 
 
 def read_polyline(path: str | Path) -> np.ndarray:
-    """Return the points (n, d) of a polyline in the order of a file.
-
-    In an OBJ file they are those of its line ``l``, or of several lines each of which begins where the last ended. A
-    line that ends at its first vertex gives that point twice.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, does not parse, or holds no line or several that do not meet.
-    """
+    """Return the points (n, d) of the polyline in a file, in their order."""
     file = existing_file(path)
     read = READERS.get(file.suffix.lower())
     if read is None:
@@ -36,7 +27,10 @@ def read_polyline(path: str | Path) -> np.ndarray:
 
 
 def _rows(data: bytes) -> Floats:
-    """Return the numbers (n, d) of a text with one point in each line, separated by commas or blanks."""
+    """Return the numbers (n, d) of a text with one point in each line, separated by commas or blanks.
+
+    Raise InputError if it is empty, a word is no number, or lines differ in length.
+    """
     rows = [(number, line.replace(",", " ").split()) for number, line in enumerate(text_lines(data), 1)]
     rows = [(number, words) for number, words in rows if words]
     if not rows:
@@ -49,7 +43,10 @@ def _rows(data: bytes) -> Floats:
 
 
 def _obj_line(data: bytes) -> Floats:
-    """Return the points (n, 3) of the line of an OBJ file."""
+    """Return the points (n, 3) of the line ``l`` in the bytes of an OBJ file, in order; consecutive lines are joined.
+
+    Raise InputError if there is none, a line does not start where the last ended, or a row is damaged.
+    """
     coordinates: list[str] = []
     vertex_lines: list[int] = []
     chain: list[int] = []

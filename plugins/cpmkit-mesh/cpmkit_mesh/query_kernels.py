@@ -25,10 +25,10 @@ CONE_SLACK_COSINE = 1e-7
 def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, point, distance):
     """Find the nearest primitive, a triangle or segment, of each query ``x[start:stop]`` (n, 3).
 
-    ``frames`` (m, 3, 3) are a corner and the two edges from it, ``shape`` (m,) says which formula gives the
-    distance. Written are the ``slot`` (n,) of the nearest primitive, the coordinates ``local`` (n, 2) of the nearest
-    point along its two edges, the ``point`` (n, 3) and its ``distance`` (n,). Ties go to the primitive reached first,
-    which is the same in every run.
+    ``boxes``, ``nodes``, ``frames`` and ``shape`` are those of a ``BoxTree``. Written in rows start to stop are the
+    ``slot`` (n,) of the nearest primitive, the coordinates ``local`` (n, 2) of the nearest point along its two edges,
+    the ``point`` (n, 3) and its ``distance`` (n,). Ties go to the primitive reached first, which is the same in every
+    run.
     """
     waiting_node = np.empty(STACK_NODES, dtype=np.uint64)
     waiting_square = np.empty(STACK_NODES)
@@ -70,7 +70,10 @@ def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, point, dis
 
 @compiled
 def project_onto(x, start, stop, frames, shape, slot, local, point, distance):
-    """Find the nearest point as ``nearest`` does, on the primitive in the ``slot`` (n,) of each query."""
+    """Write to rows ``start`` to ``stop`` the nearest point of each query on the primitive in its given ``slot`` (n,).
+
+    Arguments are as in :func:`nearest`; ``local``, ``point`` and ``distance`` are written.
+    """
     for i in range(start, stop):
         s = np.uint64(slot[i])
         _, v, w = _measure(x[i, 0], x[i, 1], x[i, 2], frames, s, shape[s])
@@ -79,11 +82,12 @@ def project_onto(x, start, stop, frames, shape, slot, local, point, distance):
 
 @compiled
 def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
-    """Find the local minima, up to ``radius``, of the distance from ``x[start:stop]`` over the whole surface.
+    """Return queries and slots of the local minima, up to ``radius``, of the distance from ``x[start:stop]`` (n, 3).
 
-    ``patches`` are the vertices (m, 3) of each slot, and by vertex the start of its slots and these. ``cones`` (nodes,
-    5) bound the normals in each box: a box none of whose normals leads to the query is skipped. Returned are the row
-    in ``x`` and the slot of each minimum, by ascending rows, and the number of triangles that were measured.
+    ``boxes``, ``nodes``, ``frames`` and ``shape`` are those of a ``BoxTree``, ``patches`` the vertices (m, 3) of each
+    slot, for each vertex the position of its first slot (k + 1,), and the slots around the vertices. ``cones`` (nodes,
+    5) bound the normals in each box: a box none of whose normals leads to the query is skipped. Returned are the row in
+    ``x`` (j,), ascending, and the slot (j,) of each minimum, and the number of distances that were computed.
     """
     rows, slots = np.empty(64, dtype=np.int64), np.empty(64, dtype=np.int64)
     waiting_node = np.empty(STACK_NODES, dtype=np.uint64)
@@ -120,7 +124,7 @@ def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
 
 @inlined
 def _leads_nowhere(px, py, pz, boxes, cones, node):
-    """Return whether no normal in the node's cone leads from the box to the query (Johnson and Cohen 2001).
+    """Return whether no normal in the node's cone leads from its box to the query p (Johnson and Cohen 2001).
 
     At a local minimum the direction to the query is a normal, or a mean of those of the triangles around it. From all
     points of the ball around the box, directions to the query lie in a cone about that from the centre, whose sine is
@@ -140,10 +144,11 @@ def _leads_nowhere(px, py, pz, boxes, cones, node):
 
 @compiled
 def _has_lower_neighbour(px, py, pz, frames, shape, patches, s, square, v, w):
-    """Return whether a triangle that shares the edge or corner with the nearest point of slot s has a nearer one.
+    """Return whether a neighbour of slot ``s`` at its closest point is nearer to p, and how many were measured.
 
-    Triangles are convex, and so is the distance over each: the point is a local minimum if none of them has a nearer
-    one. Of equal ones that in the lowest slot counts as the nearest. Also returns the number of triangles measured.
+    The point, at v, w of slot s, has the squared distance ``square``; neighbours share the edge or corner on which it
+    lies. Triangles are convex, and so is the distance over each: the point is a local minimum if no neighbour is
+    nearer. Of equal distances that in the lowest slot counts as nearer. ``patches`` is as in :func:`minima`.
     """
     vertices, first, around = patches
     corner, other, parts = -1, -1, 0
@@ -191,7 +196,7 @@ def mark_distinct_minima(rows, points, distance, relative, absolute, is_first):
 
 @inlined
 def _write(x, i, s, v, w, frames, local, point, distance):
-    """Write the point at v, w of the primitive in slot ``s``, and its distance to query i, into row i."""
+    """Write to row i of the outputs point at v, w of the primitive in slot ``s``, and its distance from ``x[i]``."""
     local[i, 0] = v
     local[i, 1] = w
     square = 0.0
@@ -212,7 +217,10 @@ def _box_square(px, py, pz, boxes, node):
 
 @inlined
 def _measure(px, py, pz, frames, s, shape):
-    """Return the squared distance to primitive ``s`` and the coordinates of its nearest point along its edges."""
+    """Return the squared distance from p to the primitive in slot ``s``, and v, w of its nearest point along its edges.
+
+    ``frames`` (m, 3, 3) are those of a ``BoxTree``; ``shape`` is the formula: triangle, sliver or segment.
+    """
     qx, qy, qz = px - frames[s, 0, 0], py - frames[s, 0, 1], pz - frames[s, 0, 2]
     bx, by, bz = frames[s, 1, 0], frames[s, 1, 1], frames[s, 1, 2]
     cx, cy, cz = frames[s, 2, 0], frames[s, 2, 1], frames[s, 2, 2]
@@ -261,7 +269,7 @@ def _closest_in_triangle(qx, qy, qz, bx, by, bz, cx, cy, cz):
 
 @compiled
 def _closest_on_edge(qx, qy, qz, ex, ey, ez):
-    """Return the share of the edge from 0 to e at which it is nearest to q."""
+    """Return the share in [0, 1] of the edge from 0 to e at which the edge is nearest to q; 0 if e is zero."""
     square = ex * ex + ey * ey + ez * ez
     t = (qx * ex + qy * ey + qz * ez) / square if square > 0.0 else 0.0
     return min(max(t, 0.0), 1.0)
@@ -269,10 +277,10 @@ def _closest_on_edge(qx, qy, qz, ex, ey, ez):
 
 @compiled
 def _closest_in_sliver(qx, qy, qz, bx, by, bz, cx, cy, cz):
-    """Return v, w of the point nearest to q: on one of the edges, or inside, in an orthonormal frame.
+    """Return v, w of the point v b + w c of a thin triangle with corners 0, b, c that is nearest to q.
 
-    The usual formulas divide by the squared area, which cancellation destroys in a sliver. The frame has an axis along
-    the longer side.
+    It is sought on each edge and inside, in an orthonormal frame with an axis along the longer side: the usual formulas
+    divide by the squared area, which cancellation destroys.
     """
     v, w = _closest_on_edge(qx, qy, qz, bx, by, bz), 0.0
     best = (qx - v * bx) ** 2 + (qy - v * by) ** 2 + (qz - v * bz) ** 2

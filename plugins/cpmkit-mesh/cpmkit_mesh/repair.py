@@ -34,6 +34,7 @@ class RepairedMesh:
     flipped : (m,) bool
         Faces whose winding is opposite to that given.
     adjacency : Topology
+        The adjacency of the faces.
     notes : tuple of str
         A sentence for each change, and for each defect that was left.
     """
@@ -47,12 +48,10 @@ class RepairedMesh:
 
 
 def repair_mesh(given_vertices: Floats, given_faces: Ints, weld: float | None = None) -> RepairedMesh:
-    """Return the mesh of ``given_faces`` (m, 3) between ``given_vertices`` (n, 3), with rims joined up to ``weld``.
+    """Return the mesh of ``given_faces`` (m, 3) between ``given_vertices`` (n, 3), welded and wound consistently.
 
-    Raises
-    ------
-    InputError
-        If no face has three different corners, or none has an area.
+    ``weld`` is the distance up to which vertices at rims are merged, None for that of rounding. Raise InputError if no
+    face has three different corners, or none has an area.
     """
     points, faces = _weld(given_vertices, given_faces)
     rows = distinct_faces(faces)
@@ -90,7 +89,7 @@ def repair_mesh(given_vertices: Floats, given_faces: Ints, weld: float | None = 
 
 
 def _weld(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the distinct positions (k, 3) of the vertices that faces use, and the faces between these."""
+    """Return distinct positions (k, 3) of the vertices that ``faces`` (m, 3) use, and (m, 3) the faces between them."""
     used, compact = np.unique(faces, return_inverse=True)
     first, place = at_same_place(vertices[used])
     return vertices[used][first], place[compact.reshape(-1, 3)]
@@ -107,7 +106,7 @@ def _has_area(points: Floats, faces: Ints) -> bool:
 
 
 def _note_unused(vertices: Floats) -> Iterator[str]:
-    """Yield a sentence about vertices that are not finite and not used."""
+    """Yield a sentence if some of ``vertices`` (n, 3) hold NaN or infinity; no face uses them."""
     lost = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if len(lost):
         yield (
@@ -117,7 +116,7 @@ def _note_unused(vertices: Floats) -> Iterator[str]:
 
 
 def _note_left_out(count: int, total: int) -> Iterator[str]:
-    """Yield a sentence about repeated triangles."""
+    """Yield a sentence if ``count`` > 0 of ``total`` triangles were left out as repeated or without three corners."""
     if count:
         yield (
             f"{count} of {total} triangles of the mesh name a place twice or repeat an earlier triangle, and were left "
@@ -126,7 +125,7 @@ def _note_left_out(count: int, total: int) -> Iterator[str]:
 
 
 def _note_merged(points: Floats, same: Ints, weld: float | None) -> Iterator[str]:
-    """Yield a sentence about merged vertices."""
+    """Yield a sentence if vertices of ``points`` were merged: ``same`` (n,) names the vertex that replaces each."""
     merged = np.flatnonzero(same != np.arange(len(same)))
     if len(merged):
         apart = np.linalg.norm(points[merged] - points[same[merged]], axis=1).max()
@@ -138,7 +137,7 @@ def _note_merged(points: Floats, same: Ints, weld: float | None) -> Iterator[str
 
 
 def _note_on_edges(points: Floats, vertices: Ints) -> Iterator[str]:
-    """Yield a sentence about T-junctions."""
+    """Yield a sentence if there were T-junctions, at ``vertices`` (j,) of ``points`` (n, 3)."""
     if len(vertices):
         yield (
             f"{len(vertices)} vertices of the mesh lie on edges of other triangles, the first near "
@@ -147,7 +146,7 @@ def _note_on_edges(points: Floats, vertices: Ints) -> Iterator[str]:
 
 
 def _note_caps(points: Floats, caps: Ints) -> Iterator[str]:
-    """Yield a sentence about removed caps."""
+    """Yield a sentence if ``caps`` (c, 3), triangles with their corners on a line, were removed."""
     if len(caps):
         yield (
             f"{len(caps)} triangles of the mesh have their corners on a line, the first near "
@@ -156,7 +155,7 @@ def _note_caps(points: Floats, caps: Ints) -> Iterator[str]:
 
 
 def _note_flipped(points: Floats, faces: Ints, is_flipped: Bools) -> Iterator[str]:
-    """Yield a sentence about flipped triangles."""
+    """Yield a sentence if triangles were flipped; ``is_flipped`` (m,) marks them among ``faces``."""
     flipped = np.flatnonzero(is_flipped)
     if len(flipped):
         yield (
@@ -167,7 +166,7 @@ def _note_flipped(points: Floats, faces: Ints, is_flipped: Bools) -> Iterator[st
 
 
 def _note_one_sided(points: Floats, faces: Ints, one_sided: Bools) -> Iterator[str]:
-    """Yield a sentence about a one-sided component."""
+    """Yield a sentence if ``one_sided`` (m,) marks faces of a component that has no consistent winding."""
     rows = np.flatnonzero(one_sided)
     if len(rows):
         yield (

@@ -24,7 +24,7 @@ MERGED_NEIGHBOURS = 8
 
 
 def merge_rim_vertices(points: Floats, faces: Ints, weld: float | None = None) -> Ints:
-    """Return (n,) the vertex with which each one is merged: the first of its group, or itself.
+    """Return (n,) the vertex with which each vertex is merged: the first of its group, or itself.
 
     Only vertices on rims are merged: those of triangles stored one by one in single precision, and of seams torn by
     rounding. The ends of an edge never are, since it is far longer than the tolerance.
@@ -32,7 +32,9 @@ def merge_rim_vertices(points: Floats, faces: Ints, weld: float | None = None) -
     Parameters
     ----------
     points : (n, 3) float64
+        Positions of the vertices.
     faces : (m, 3) int64
+        Triangles.
     weld : float, optional
         The distance up to which vertices are merged; by default that of rounding.
     """
@@ -60,7 +62,11 @@ def merge_rim_vertices(points: Floats, faces: Ints, weld: float | None = None) -
 
 
 def joining_distance(points: Floats, faces: Ints, vertices: Ints, weld: float | None) -> Floats:
-    """Return (k,) the distance up to which another vertex or an edge is joined to each of ``vertices`` (k,)."""
+    """Return (k,) the distance up to which another vertex or an edge is joined to each of ``vertices`` (k,).
+
+    It is the rounding of coordinates, limited to a share of the shortest edge at the vertex in ``faces`` (m, 3);
+    ``weld``, unless None, raises it to that length, within a larger share of the edge.
+    """
     start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     wanted = np.zeros(len(points), dtype=bool)
     wanted[vertices] = True
@@ -88,7 +94,9 @@ def split_t_junctions(points: Floats, faces: Ints, weld: float | None) -> tuple[
     Parameters
     ----------
     points : (n, 3) float64
+        Positions of the vertices.
     faces : (m, 3) int64
+        Triangles.
     weld : float, optional
         The distance up to which a vertex on a rim lies on an edge on a rim; by default, and elsewhere, that of
         rounding.
@@ -121,10 +129,11 @@ def split_t_junctions(points: Floats, faces: Ints, weld: float | None) -> tuple[
 
 
 def _split_triangles(rows: Ints, corners: Ints, cell: Ints, edge: Ints, middle: Ints) -> tuple[Ints, Ints]:
-    """Return rows and corners of the triangles with one edge of each ``cell`` split at the corners ``middle``.
+    """Return rows and corners of the triangles, with one edge of each ``cell`` split at the corners ``middle``.
 
-    The cells are ascending, and the corners of one edge in their order along it: the triangle becomes a fan around its
-    third corner.
+    ``rows`` (m,) and ``corners`` (m, 3) are as :func:`split_t_junctions` returns them, and so are those returned, with
+    a triangle more for each split. ``cell``, ``edge`` and ``middle`` (k,) have a row for each split; the cells are
+    ascending, and the corners of one edge in their order along it: the triangle becomes a fan around its third corner.
     """
     corners = corners.copy()
     apex = corners[cell, edge]
@@ -137,14 +146,9 @@ def _split_triangles(rows: Ints, corners: Ints, cell: Ints, edge: Ints, middle: 
 
 
 def _vertices_on_edges(points: Floats, cells: Ints, weld: float | None) -> tuple[Ints, Ints, Ints, Floats]:
-    """Return the T-junctions: all vertices on edges of rims, and vertices of rims on other edges.
+    """Return the T-junctions of triangles ``cells`` (m, 3): vertices on edges of rims, vertices of rims on any edge.
 
-    Returns
-    -------
-    cell, edge, vertex : (k,) int64
-        The triangle, its edge, and the vertex that lies inside it.
-    share : (k,) float64
-        The share of the edge at which it lies.
+    With ``weld``, the distance up to which it counts as on a rim's edge, only vertices of rims are found.
     """
     adjacency = topology(points, cells)
     at_rim = np.zeros(cells.size, dtype=bool)  # edge e of a triangle is opposite its corner e
@@ -164,7 +168,10 @@ def _vertices_on_edges(points: Floats, cells: Ints, weld: float | None) -> tuple
 
 
 def _pairs(points: Floats, cells: Ints, edges: Ints, vertices: Ints, reach: Floats) -> tuple[Ints, Ints]:
-    """Return the pairs of one of ``edges`` and one of ``vertices`` inside it, up to the vertex's ``reach`` (n,)."""
+    """Return (k,) and (k,) the pairs of an edge and a vertex inside it, up to the vertex's ``reach`` (n,).
+
+    ``edges`` are numbers 3 cell + edge of edges of ``cells`` (m, 3), ``vertices`` the candidates.
+    """
     start, end = _ends(cells, edges)
     middle, half = 0.5 * (points[start] + points[end]), 0.5 * norms(points[end] - points[start])
     size = np.floor(np.log2(half, where=half > 0, out=np.zeros(len(half))))
@@ -184,7 +191,10 @@ def _pairs(points: Floats, cells: Ints, edges: Ints, vertices: Ints, reach: Floa
 
 
 def _pairs_within(points: Floats, others: Floats, distance: Floats) -> tuple[Ints, Ints]:
-    """Return all pairs of one of ``points`` (n, 3) and one of ``others`` within the point's ``distance`` (n,)."""
+    """Return (k,) and (k,) the row numbers of all pairs of ``points`` (n, 3) and ``others`` within ``distance`` (n,).
+
+    If there are fewer others than points, the largest of the distances holds for all.
+    """
     from scipy.spatial import cKDTree
 
     if len(others) < len(points):
@@ -196,7 +206,10 @@ def _pairs_within(points: Floats, others: Floats, distance: Floats) -> tuple[Int
 
 
 def _shares(points: Floats, cells: Ints, edge: Ints, vertex: Ints) -> tuple[Floats, Floats]:
-    """Return (k,) the shares of edges at which vertices lie, and their distances from the lines through the edges."""
+    """Return (k,) the shares of edges at which vertices project on them, and (k,) their distances from the lines.
+
+    ``edge`` (k,) are numbers 3 cell + edge of ``cells`` (m, 3), ``vertex`` (k,) vertices.
+    """
     start, end = _ends(cells, edge)
     way, off = points[end] - points[start], points[vertex] - points[start]
     share = dots(off, way) / dots(way, way)

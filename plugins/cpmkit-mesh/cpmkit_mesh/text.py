@@ -10,7 +10,7 @@ from cpmkit.plugin import Floats, InputError, Ints
 
 
 def text_lines(data: bytes) -> list[str]:
-    """Return the lines of a text, without its byte order mark and comments, which begin with #."""
+    """Return lines of the UTF-8 text ``data`` without line ends, byte order mark, and comments, which begin with #."""
     text = data.removeprefix(b"\xef\xbb\xbf").decode("utf-8", errors="replace")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     lines = text.split("\n")
@@ -18,12 +18,9 @@ def text_lines(data: bytes) -> list[str]:
 
 
 def parse_floats(words: Sequence[str], per_line: int, lines: Sequence[int]) -> Floats:
-    """Return (n, per_line) numbers written as ``words``; ``lines`` (n,) are the numbers of their lines.
+    """Return (n, per_line) the numbers in ``words``, ``per_line`` of each line; ``lines`` (n,) are the lines' numbers.
 
-    Raises
-    ------
-    InputError
-        If a word is no number. The message names the line without repeating its text.
+    Raise InputError, which names the line but does not repeat its text, if a word is no number.
     """
     try:
         if _plain(words):
@@ -34,12 +31,9 @@ def parse_floats(words: Sequence[str], per_line: int, lines: Sequence[int]) -> F
 
 
 def parse_ints(words: Sequence[str], lines: Ints) -> Ints:
-    """Return (n,) whole numbers written as ``words``; ``lines`` (n,) are the numbers of their lines.
+    """Return (n,) the whole numbers in ``words`` (n,), which stand in the lines with numbers ``lines`` (n,).
 
-    Raises
-    ------
-    InputError
-        If a word is no whole number, or has too many digits. The message names the line without repeating its text.
+    Raise InputError, which names the line but does not repeat its text, if a word is no whole number, or too long.
     """
     try:
         if _plain(words):
@@ -50,7 +44,7 @@ def parse_ints(words: Sequence[str], lines: Ints) -> Ints:
 
 
 def _plain(words: Sequence[str]) -> bool:
-    """Return whether there are only characters that other programs take for parts of numbers, too."""
+    """Return whether ``words`` are ASCII without underscores, which Python alone accepts in numbers."""
     text = "".join(words)
     return text.isascii() and "_" not in text
 
@@ -62,7 +56,7 @@ def _short_int(word: str) -> int:
 
 
 def _first_bad(words: Sequence[str], read: type[float] | object) -> int:
-    """Return the position of the first word that is no number by ``read``."""
+    """Return position of the first word that the conversion ``read`` refuses; the last position if it accepts all."""
     for place, word in enumerate(words):
         try:
             if not _plain([word]):

@@ -43,7 +43,10 @@ class Topology:
 
 
 def topology(vertices: Floats, faces: Ints) -> Topology:
-    """Return the adjacency of ``faces`` (m, 3), none of which repeats a vertex."""
+    """Return the adjacency of triangles ``faces`` (m, 3), none of which repeats a vertex.
+
+    ``vertices`` (n, 3) are positions; the lengths of boundary loops follow from them.
+    """
     start, end = faces[:, [1, 2, 0]].ravel(), faces[:, [2, 0, 1]].ravel()
     name = np.minimum(start, end) * len(vertices) + np.maximum(start, end)
     order = np.argsort(name, kind="stable")
@@ -66,7 +69,7 @@ def topology(vertices: Floats, faces: Ints) -> Topology:
 
 
 def _loops(vertices: Floats, boundary: Ints) -> Ints:
-    """Number the connected parts of the boundary by decreasing length."""
+    """Return (k,) the number of the connected part of each edge of ``boundary`` (k, 2), the longest part 0."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -83,9 +86,9 @@ def _loops(vertices: Floats, boundary: Ints) -> Ints:
 
 
 def find_flipped_faces(faces: Ints, adjacency: Topology) -> tuple[Bools, Bools]:
-    """Return the faces to flip so that the winding of each component is consistent.
+    """Return the faces of ``faces`` (m, 3) whose winding must be reversed to make that of each component consistent.
 
-    Components are connected by edges of two faces.
+    Components are connected by edges of two faces; none is flipped if the winding of ``adjacency`` is consistent.
 
     Returns
     -------

@@ -42,29 +42,29 @@ ON_EDGE_COORDINATE = 1e-12
 
 
 class MeshAdvice(Advice):
-    """Advice about a mesh at a spacing, whose parts are computed when they are first read."""
+    """Error estimates and warnings about a mesh at a spacing, each computed and cached when it is first read."""
 
     def __init__(self, mesh: TriangleMesh, spacing: float) -> None:
         self.__dict__.update(mesh=mesh, spacing=spacing)
 
     @cached_property
     def floor(self) -> float:
-        """The error, as a share of the range, in the form ``collocation``."""
+        """The error of a solution in the form ``collocation`` that the mesh causes, as a share of its range."""
         return solution_error_floor(self.mesh.mean_turning, self.mesh.smooth)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each repair, and for each property that may spoil a solution."""
+        """One sentence for each repair of the mesh and each property that may make a solution inaccurate."""
         return self.mesh.all_warnings()
 
     @cached_property
     def integral_floor(self) -> float:
-        """The error, as a share of the range, in the form ``galerkin``."""
+        """The error of a solution in the form ``galerkin`` that the mesh causes, as a share of the solution's range."""
         return integral_floor(self.mesh.mean_turning, self.mesh.smooth)
 
     @cached_property
     def closest_point_warnings(self) -> tuple[str, ...]:
-        """Further sentences for the form ``collocation``."""
+        """Further warnings, for the form ``collocation`` alone: touching pieces, and long creases."""
         return closest_point_warnings(self.mesh, self.spacing)
 
 
@@ -79,6 +79,7 @@ class TriangleMesh:
     smooth : bool
         True: closest points follow the interpolated normals. False: they are the nearest points of the triangles.
     normals_at_corners : (m, 3, 3) float64
+        Unit normals at the corners of each triangle.
     value_count : int
         How many vertices the user gave: the rows that :meth:`interpolate` expects.
     engine : "own", "fcl" or "open3d"
@@ -87,7 +88,7 @@ class TriangleMesh:
         In degrees: edges at which the mesh turns by more are creases.
     shift : (3,) float64
         How far the mesh was moved from where the user gave it.
-    as_given : (n, 3) float64 and (f, 3) int64
+    given_arrays : (n, 3) float64 and (f, 3) int64
         The user's vertices, before any translation, and faces; some may have been merged or left out since.
     """
 
@@ -107,7 +108,7 @@ class TriangleMesh:
 
     @property
     def vertices(self) -> Floats:
-        """(k, 3) the vertices that triangles use, one for each place."""
+        """(k, 3) the positions of the vertices that triangles use, no two of them equal."""
         return self.repaired.mesh.vertices
 
     @property
@@ -135,35 +136,32 @@ class TriangleMesh:
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
-        """Return the closest points of ``x`` (n, 3).
+        """Return the closest points of ``x`` (n, 3), on the triangles or, if smooth, along interpolated normals.
 
         ``element`` is the triangle of the closest point, by the user's numbers, ``local`` (n, 3) its barycentric
-        coordinates, ``edge`` the number of the boundary loop on which it lies (loops by decreasing length), and
-        ``distance`` the distance from the triangles. Closest points of a smooth mesh are ``doubtful`` where no normal
-        near by leads to the query: they are the nearest points of the triangles.
+        coordinates, ``edge`` the number of the boundary loop on which it lies (loops by decreasing length; -1 off the
+        boundary), and ``distance`` the distance from the triangles. Closest points of a smooth mesh are ``doubtful``
+        where no normal near by leads to the query: they are the nearest points of the triangles.
 
-        Raises
-        ------
-        InputError
-            If ``x`` does not have shape (n, 3) or is not finite.
+        Raise InputError if ``x`` does not have shape (n, 3) or is not finite.
         """
         x = as_points(x, 3)
         nearest = self._search(x)
         return self._records(nearest, self._move_along_normals(x, nearest))
 
     def local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
-        """Return the local minima of the distance from ``x`` (n, 3) within ``radius``.
+        """Return the local minima, up to ``radius``, of the distance from each of ``x`` (n, 3) to the surface.
 
-        There is one for each sheet; on the concave side of a bend, where facets differ from the surface that they
-        sample, now and then more. Those of a smooth mesh are moved along its normals. Of several that arrive at the
-        same place one is returned; one that arrives nearer than it started has moved to another sheet, and is left out.
+        There is a minimum for each sheet; on the concave side of a bend, where facets differ from the surface that they
+        sample, sometimes more. Those of a smooth mesh are moved along its normals. Of several that coincide then, the
+        first is returned; a minimum that is nearer to its query after the move lies on another sheet, and is left out.
 
         Returns
         -------
         rows : (k,) int64
             The row of ``x`` of each minimum, ascending.
         minima : ClosestPoints
-            Of each query the nearest first.
+            The closest point records of the minima, of each query the nearest first.
 
         Raises
         ------
@@ -178,11 +176,11 @@ class TriangleMesh:
         return rows[distinct], self._records(points, doubtful).take(distinct)
 
     def read_as_facets(self) -> TriangleMesh:
-        """Return the same mesh with the nearest points of its triangles as closest points."""
+        """Return a mesh of the same triangles whose closest points are the nearest points of the triangles."""
         return replace(self, smooth=False)
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return ``values`` (value_count, ...) at the user's vertices interpolated linearly at ``feet``."""
+        """Return (n, ...) ``values`` (value_count, ...) of the user's vertices, interpolated linearly at ``feet``."""
         face, local = self._locate(feet)
         values = one_row_each(values, self.value_count, "vertices")
         return np.einsum("nc,nc...->n...", local, values[self.repaired.given_faces[face]])
@@ -192,17 +190,20 @@ class TriangleMesh:
         return self.vertices, self.faces
 
     def plane_section(self, point: Floats, normal: Floats, /) -> PlaneSection:
-        """Return the section by the plane through ``point`` (3,) across ``normal`` (3,), which points to its left."""
+        """Return the curve in which the plane through ``point`` (3,) with normal vector ``normal`` (3,) cuts the mesh.
+
+        The normal points to the left of the curve. Raise InputError if the plane misses the mesh or only touches it.
+        """
         return plane_section(self, point, normal)
 
     @property
     def given_mesh(self) -> tuple[Floats, Ints]:
-        """The user's vertices (n, 3) and faces (f, 3), all of them and in their order."""
+        """The user's vertices (n, 3), translated with the mesh, and faces (f, 3), all of them and in their order."""
         vertices, faces = self.given_arrays
         return vertices + self.shift, faces
 
     def translate(self, offset: Floats, /) -> TriangleMesh:
-        """Return the mesh translated by ``offset`` (3,); trees and warnings are computed once for all positions."""
+        """Return the mesh translated by ``offset`` (3,); it shares advice, edges and components with this mesh."""
         offset = as_vector(offset, 3, "offset")
         mesh = self.repaired.mesh.with_same_cells(vertices=self.vertices + offset)
         made = replace(self, repaired=replace(self.repaired, mesh=mesh), shift=self.shift + offset)
@@ -212,11 +213,11 @@ class TriangleMesh:
 
     @cached_property
     def _original(self) -> TriangleMesh:
-        """The mesh that this one was translated from, or itself."""
+        """The mesh of which this mesh is a translation, or itself."""
         return self
 
     def advice(self, spacing: float, /) -> MeshAdvice:
-        """Return the error that the mesh causes in solutions, its repairs, and what may spoil a solution on it."""
+        """Return error estimates and warnings for solutions on this mesh at grid ``spacing``; cached by spacing."""
         if self._original is not self:
             return self._original.advice(spacing)
         if spacing not in self._advice:  # callers read its parts one by one
@@ -225,15 +226,16 @@ class TriangleMesh:
 
     @cached_property
     def _advice(self) -> dict[float, MeshAdvice]:
+        """The advice returned so far, by spacing."""
         return {}
 
     def all_warnings(self) -> tuple[str, ...]:
-        """Return one sentence for each repair of the mesh, and about its pieces."""
+        """Return a sentence for each repair, about several pieces, and about edges of three or more triangles."""
         return mesh_warnings(self)
 
     @cached_property
     def inner_edges(self) -> InnerEdges:
-        """The edges of two triangles, with the angles by which the surface turns there."""
+        """The edges that two triangles share, with the angles between their normals."""
         if self._original is not self:
             return self._original.inner_edges
         return inner_edges(self.vertices, self.faces, self.adjacency)
@@ -247,7 +249,7 @@ class TriangleMesh:
 
     @cached_property
     def mean_turning(self) -> float:
-        """The root mean square angle between the normals at the ends of edges; zero for a body with flat sides."""
+        """The root mean square angle, in radians, between normals at both ends of an edge; 0 for flat-sided bodies."""
         if self._original is not self:
             return self._original.mean_turning
         if not self.smooth and is_flat_sided(self.inner_edges, self.crease_angle):
@@ -256,17 +258,24 @@ class TriangleMesh:
 
     @cached_property
     def given_vertices(self) -> Ints:
-        """(k,) the number of each vertex among the user's; of several at one place that of the first triangle."""
+        """(k,) the number of each vertex among the user's; of several merged vertices that of the first triangle."""
         numbers = np.full(len(self.vertices), -1)
         numbers[self.faces.ravel()[::-1]] = self.repaired.given_faces.ravel()[::-1]
         return numbers
 
     def _move_along_normals(self, x: Floats, nearest: Nearest) -> Bools | None:
-        """Move ``nearest`` to where normals lead to ``x``, in place; return (n,) where none does, None if faceted."""
+        """Move ``nearest``, in place, along interpolated normals to the closest points of ``x`` (n, 3).
+
+        Return (n,) whether no such point was found, so that the nearest point stays; None, and move nothing, if
+        faceted.
+        """
         return follow_normals(self._tree, self._interpolated_normals, x, nearest) if self.smooth else None
 
     def _records(self, points: Nearest, doubtful: Bools | None) -> ClosestPoints:
-        """Return the answer to a query for its nearest points, by the user's numbers of triangles."""
+        """Return nearest ``points`` as closest point records, by the user's numbers of triangles and winding.
+
+        ``doubtful`` (n,) marks points of which no normal leads to the query; None on a faceted mesh.
+        """
         face = self._tree.order[points.slot]
         local = np.empty((len(face), 3))
         local[:, 1:] = points.local
@@ -282,14 +291,20 @@ class TriangleMesh:
         )
 
     def _locate(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
-        """Return the mesh's own triangle (n,) of each closest point, and its coordinates (n, 3) there."""
+        """Return the mesh's own triangle (n,) of each closest point, and its barycentric coordinates (n, 3) there.
+
+        Raise InputError if ``feet`` lack ``element`` or ``local``: another source returned them.
+        """
         if feet.element is None or feet.local is None:
             raise InputError("feet must be records that this mesh answered: they lack element or local.")
         face = np.searchsorted(self.repaired.given_index, feet.element)
         return face, self._to_given_winding(face, feet.local)
 
     def _to_given_winding(self, face: Ints, local: Floats) -> Floats:
-        """Return coordinates (n, 3) by the user's winding of faces (n,) from those by the mesh's, and vice versa."""
+        """Return barycentric coordinates (n, 3) with corners 1 and 2 exchanged on faces (n,) that the repair flipped.
+
+        This converts from the mesh's order of corners to the user's, and back.
+        """
         return (
             np.where(self.repaired.flipped[face, None], local[:, [0, 2, 1]], local)
             if self.repaired.flipped.any()
@@ -297,7 +312,10 @@ class TriangleMesh:
         )
 
     def _edges(self, face: Ints, local: Floats) -> Ints:
-        """Return (n,) the boundary loop on which each closest point lies, -1 for none."""
+        """Return (n,) the number of the boundary loop on which each point lies, -1 for none.
+
+        ``local`` (n, 3) are its barycentric coordinates on the mesh's triangle ``face`` (n,).
+        """
         edge = np.full(len(face), -1)
         if not len(self.adjacency.loop):
             return edge
@@ -320,7 +338,7 @@ class TriangleMesh:
 
     @cached_property
     def _loop_of_vertex(self) -> Ints:
-        """(k,) a boundary loop of each vertex, -1 for inner ones."""
+        """(k,) the number of a boundary loop through each vertex, -1 for inner vertices."""
         loops = np.full(len(self.vertices), -1)
         loops[self.adjacency.boundary] = self.adjacency.loop[:, None]
         return loops

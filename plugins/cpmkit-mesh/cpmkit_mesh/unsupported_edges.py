@@ -19,10 +19,11 @@ UNSUPPORTED_AREA_SHARE = 0.05
 
 
 def supported_normals(mesh: OrientedTriangleMesh) -> Floats:
-    """Return (m, 3, 3) the normals at corners, tilted as little as makes unsupported edges tangential.
+    """Return (m, 3, 3) unit normals at corners, tilted least so that they are orthogonal to unsupported edges.
 
-    The corners of a flat face beside a fillet then have the face's normal. Where the unsupported edges at a vertex have
-    about one direction, the normal is tilted in that direction alone.
+    An edge is unsupported where the mesh beyond it does not turn as the vertex normals say. The corners of a flat face
+    beside a fillet then have the face's normal. Where the unsupported edges at a vertex have about one direction, the
+    normal is tilted in that direction alone.
     """
     ends, unsupported, _ = _unsupported_edges(mesh)
     ends = ends[unsupported]
@@ -44,7 +45,7 @@ def supported_normals(mesh: OrientedTriangleMesh) -> Floats:
 
 
 def support_warnings(mesh: OrientedTriangleMesh) -> list[str]:
-    """Return a warning if much of the mesh's area is in triangles with an unsupported edge."""
+    """Return a warning if over :data:`UNSUPPORTED_AREA_SHARE` of the area has an unsupported edge, else []."""
     faces = mesh.faces
     _, unsupported, of_faces = _unsupported_edges(mesh)
     areas, affected = double_areas(mesh.vertices, faces), unsupported[of_faces].any(axis=1)
@@ -60,9 +61,9 @@ def support_warnings(mesh: OrientedTriangleMesh) -> list[str]:
 
 
 def _unsupported_edges(mesh: OrientedTriangleMesh) -> tuple[Ints, Bools, Ints]:
-    """Return the edges (e, 2), which of them (e,) are unsupported, and those of each face (m, 3).
+    """Return the edges (e, 2), which of them (e,) are unsupported, and the numbers (m, 3) of each face's edges.
 
-    Edges with an end at a crease are straight in any case, and count as supported.
+    Edge j of a face is opposite its corner j. Edges with an end at a crease are straight, and count as supported.
     """
     faces, count = mesh.faces, len(mesh.vertices)
     starts, ends = faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]  # edge j is opposite to corner j

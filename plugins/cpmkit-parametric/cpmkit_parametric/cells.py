@@ -171,10 +171,7 @@ class CellTree:
 def build_tree(map: UnitMap, domain: Domain) -> CellTree:
     """Halve the cells until they are flat, and return all levels.
 
-    Raises
-    ------
-    InputError
-        If half of the smallest cells are not flat: the map winds more often than they resolve.
+    Raise InputError if half of the smallest cells are not flat: the map winds more often than they resolve.
     """
     shape = _top_shape(map)
     m = map.count

@@ -158,13 +158,7 @@ def _check_derivatives(exact: Any, differences: Any, width: Floats) -> None:
 
 
 def as_range(value: Any, label: str) -> tuple[float, float]:
-    """Return two different numbers in ascending order.
-
-    Raises
-    ------
-    InputError
-        If they are not.
-    """
+    """Return two different numbers in ascending order; raise InputError if they are not."""
     if isinstance(value, str) or np.ndim(np.asarray(value, dtype=object)) != 1 or len(value) != 2:
         raise InputError(f"{label} must be two numbers [start, end], got {shown(value)}.")
     start, end = (as_number(entry, label) for entry in value)
@@ -174,13 +168,7 @@ def as_range(value: Any, label: str) -> tuple[float, float]:
 
 
 def as_number(value: Any, label: str) -> float:
-    """Return a number, or the value of a constant formula such as ``"2*pi"``.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
+    """Return a number, or the value of a constant formula such as ``"2*pi"``; raise InputError if it is neither."""
     if isinstance(value, str):
         number = constant(value, label)
         if not np.isfinite(number):
@@ -195,13 +183,7 @@ def as_number(value: Any, label: str) -> float:
 
 
 def as_flag(value: Any, label: str) -> bool:
-    """Return True or False.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
+    """Return True or False; raise InputError if it is neither."""
     if not isinstance(value, (bool, np.bool_)):
         raise InputError(f"{label} must be true or false, got {shown(value)}.")
     return bool(value)
@@ -210,10 +192,7 @@ def as_flag(value: Any, label: str) -> bool:
 def _check_map(map: UnitMap) -> float:
     """Return the diagonal of the image's box.
 
-    Raises
-    ------
-    InputError
-        If the map is not finite, or constant along a parameter.
+    Raise InputError if the map is not finite, or constant along a parameter.
     """
     count = {1: 513, 2: 65}[map.count]
     s = np.stack(np.meshgrid(*[np.linspace(0, 1, count)] * map.count, indexing="ij"), axis=-1)

@@ -45,10 +45,7 @@ class FormulaMap:
 def formula_map(x: Sequence[ast.expr], names: Sequence[str]) -> FormulaMap:
     """Return the map of the formulas ``x``, d checked syntax trees in the parameters ``names``.
 
-    Raises
-    ------
-    SceneError
-        If they are too long together.
+    Raise SceneError if they are too long together.
     """
     return FormulaMap(len(x), len(names), formula_jets(x, names, "x"))
 
@@ -62,10 +59,7 @@ def symmetric(upper: Floats, count: int) -> Floats:
 def constant(text: str, label: str) -> float:
     """Return the value of a formula without variables; infinite or NaN where it has none.
 
-    Raises
-    ------
-    SceneError
-        If it does not parse, or uses what is not offered; ``label`` names it.
+    Raise SceneError if it does not parse, or uses what is not offered; ``label`` names it.
     """
     jets = formula_jets([formula_tree(text, (), label)], (), label)
     return float(jets.rows(0, np.empty((0, 1)))[0, 0])

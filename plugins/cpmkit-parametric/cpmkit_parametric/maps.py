@@ -72,13 +72,7 @@ class CallableMap:
 
 
 def as_columns(values: Any, n: int, dim: int | None, label: str) -> Floats:
-    """Return the result of a callable as (n, d) float64.
-
-    Raises
-    ------
-    InputError
-        If its shape is another.
-    """
+    """Return the result of a callable as (n, d) float64; raise InputError if its shape is another."""
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -80,10 +80,7 @@ class Parametric:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d); ``local`` holds the user's parameters (n, m).
 
-        Raises
-        ------
-        InputError
-            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         queries = as_points(x, self.dim) - self.shift
         if len(queries) <= PARAMETRIC_PARCEL_QUERIES:

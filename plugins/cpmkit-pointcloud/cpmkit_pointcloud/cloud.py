@@ -133,10 +133,8 @@ class PointCloud:
         search did not converge, where they have left the samples behind (beyond the rim of an open cloud, in
         holes), and where the samples around lie on no smooth surface.
 
-        Raises
-        ------
-        InputError
-            If ``x`` does not have shape (n, d) or is not finite, or the patches around a query contradict each other.
+        Raise InputError if ``x`` does not have shape (n, d) or is not finite, or the patches around a query contradict
+        each other.
         """
         x = as_points(x, self.dim)
         to_samples, nearest = ask(self._tree, x)

@@ -66,10 +66,7 @@ class NearestSamples:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the nearest samples of ``x`` (n, d); ``element`` is their row.
 
-        Raises
-        ------
-        InputError
-            If ``x`` does not have shape (n, d) or is not finite.
+        Raise InputError if ``x`` does not have shape (n, d) or is not finite.
         """
         x = as_points(x, self.dim)
         distance, nearest = ask(self._tree, x)

@@ -32,9 +32,8 @@ def read_points(path: str | Path) -> np.ndarray:
     Parameters
     ----------
     path : str or Path
-        A PLY file, of which the vertices are read; a text file (``.xyz``, ``.txt``, ``.csv``) with two or more
-        numbers a row, of which the first three (or two) are read; a ``.npy`` file; or a PCD file, for which
-        Open3D is needed.
+        A PLY file, of which the vertices are read; a text file (``.xyz``, ``.txt``, ``.csv``) with two or more numbers
+        a row, of which the first three (or two) are read; a ``.npy`` file; or a PCD file, for which Open3D is needed.
 
     Returns
     -------
@@ -119,10 +118,7 @@ def _unloadable(message: str) -> str:
 def as_cloud(points: Any, label: str = "points") -> Floats:
     """Return ``points`` as (n, 2) or (n, 3) float64 with at least one row.
 
-    Raises
-    ------
-    InputError
-        If they are of another shape or type, empty, or not finite.
+    Raise InputError if they are of another shape or type, empty, or not finite.
     """
     try:
         array = np.asarray(points)
@@ -138,10 +134,7 @@ def as_cloud(points: Any, label: str = "points") -> Floats:
 def as_normals(normals: Any, points: Floats) -> Floats:
     """Return ``normals`` as (n, d) unit vectors, one for each of ``points``.
 
-    Raises
-    ------
-    InputError
-        If their shape is not that of the points, or one is zero or not finite.
+    Raise InputError if their shape is not that of the points, or one is zero or not finite.
     """
     vectors = as_cloud(normals, "normals")
     if vectors.shape != points.shape:

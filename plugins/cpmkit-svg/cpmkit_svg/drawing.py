@@ -74,11 +74,8 @@ class Drawing:
 def read_drawing(path: str | Path) -> Drawing:
     """Read an SVG file.
 
-    Raises
-    ------
-    InputError
-        If the file is no SVG that :func:`~cpmkit_svg.xml_tree.read_xml` reads, it draws what is no curve (text,
-        images, copies by ``use``), it has style sheets, or an attribute is damaged.
+    Raise InputError if the file is no SVG that :func:`~cpmkit_svg.xml_tree.read_xml` reads, it draws what is no curve
+    (text, images, copies by ``use``), it has style sheets, or an attribute is damaged.
     """
     root = read_xml(path)
     try:

@@ -45,10 +45,7 @@ def properties(element: Element) -> dict[str, str]:
 def stops_of(given: str, named: Mapping[str, Element], label: str) -> Stops | None:
     """Return the colours that an attribute gives, None for ``none``.
 
-    Raises
-    ------
-    InputError
-        If it is neither a colour nor a gradient of the drawing with stops.
+    Raise InputError if it is neither a colour nor a gradient of the drawing with stops.
     """
     if given.strip() == "none":
         return None

@@ -33,10 +33,7 @@ class Subpath:
 def subpaths(text: str, label: str) -> list[Subpath]:
     """Return the subpaths that path data draw, those of one point left out.
 
-    Raises
-    ------
-    InputError
-        If the data are damaged: the message names ``label`` and the place.
+    Raise InputError if the data are damaged: the message names ``label`` and the place.
     """
     pen, scanner, command = _Pen(), Scanner(text, label), ""
     while not scanner.at_end:

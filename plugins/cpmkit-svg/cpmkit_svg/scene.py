@@ -41,10 +41,7 @@ def drawing_scene(file: str | Path | Drawing) -> Scene:
     length, or ``none`` for a side without flux. Curves without any of them are omitted. The plane and the curves end at
     the canvas, which has no flux at its edge.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or no curve has a colour.
+    Raise InputError if the file cannot be read, or no curve has a colour.
     """
     drawing = file if isinstance(file, Drawing) else read_drawing(file)
     coloured_curves = [curve for curve in drawing.curves if curve.coloured]

@@ -14,10 +14,7 @@ LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:px)?\s*")
 def length(text: str, label: str) -> float:
     """Return a length in the user's unit; other units are refused.
 
-    Raises
-    ------
-    InputError
-        If it is no number, but for ``px`` after it, or larger than numbers of SVG are.
+    Raise InputError if it is no number, but for ``px`` after it, or larger than numbers of SVG are.
     """
     found = LENGTH.fullmatch(text)
     if found is None or abs(float(found[1])) > LARGEST_NUMBER:

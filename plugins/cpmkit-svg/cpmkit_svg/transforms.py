@@ -17,10 +17,8 @@ ACCEPTED = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 
 def transform(text: str, label: str) -> Floats:
     """Return the affine map (2, 3) of a list of transforms, the last of which acts first.
 
-    Raises
-    ------
-    InputError
-        If a transform is not in SVG, or has another count of numbers; ``label`` names the element in the message.
+    Raise InputError if a transform is not in SVG, or has another count of numbers; ``label`` names the element in the
+    message.
     """
     whole, place = np.eye(3), 0
     while text[place:].strip(" \t\r\n,"):

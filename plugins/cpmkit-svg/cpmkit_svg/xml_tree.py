@@ -37,10 +37,8 @@ class Element:
 def read_xml(path: str | Path) -> Element:
     """Return the root of an SVG file.
 
-    Raises
-    ------
-    InputError
-        If the file is missing, too large, no well-formed XML, has a document type or entities, or its root is not svg.
+    Raise InputError if the file is missing, too large, no well-formed XML, has a document type or entities, or its root
+    is not svg.
     """
     file = existing_file(path)
     if file.stat().st_size > MOST_BYTES:
