@@ -71,7 +71,8 @@ def vertex_normals(points: Floats, triangles: Ints) -> Floats:
     """Return unit normals (v, 3) at ``points`` (v, 3): the area-weighted mean of the normals of ``triangles`` (t, 3).
 
     Normals of triangles that are oriented differently, as on one-sided surfaces, would cancel: at the vertices of an
-    edge between such triangles, the normals of all triangles are first flipped to the side of one of these.
+    edge between such triangles, the normals of all triangles are first flipped to the side of one of these. They are
+    zero at vertices without triangles.
     """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     twice_area = np.cross(b - a, c - a)

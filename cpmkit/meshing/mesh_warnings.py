@@ -90,7 +90,7 @@ def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
 
 
 def with_noise_advice(texts: Iterator[str], source: LocalSource, spacing: float) -> tuple[str, ...]:
-    """Return ``texts``; for a source noisy at ``spacing``, exacter closest points replace a smaller spacing as the advice.
+    """Return ``texts``; for a source noisy at ``spacing`` they advise exacter closest points, not a smaller spacing.
 
     A smaller spacing would increase the error by noise.
     """

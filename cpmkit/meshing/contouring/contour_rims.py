@@ -100,7 +100,7 @@ def edges_on_rim(border: OpenEdges, on_rim: Bools) -> Ints:
 def remove_bridges(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) -> Ints:
     """Return the triangles (n, 3) without those between three rim vertices that leave the surface or have no area.
 
-    Triangles without area are removed only if they have an open edge: they lie along one rim.
+    Triangles without area are removed only if they have an open edge: they lie along one rim. ``on_rim`` is (v,).
     """
     while True:
         rows = np.flatnonzero(on_rim[cells].all(axis=1))
@@ -119,8 +119,8 @@ def remove_bridges(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) 
 def remove_folds(vertices: Floats, cells: Ints, on_rim: Bools, spacing: float) -> tuple[Ints, Floats]:
     """Return the triangles (n, 3) without folds beside a rim, and the centres (k, 3) of the folds that are left.
 
-    Of two neighbours that lie on each other, the smaller one loses its shortest edge, if that is shorter than a
-    spacing. A vertex on the rim stays.
+    Of two neighbours that lie on each other, the smaller one loses its shortest edge, if that is shorter than
+    ``spacing``, of the contouring lattice. A vertex on the rim, where ``on_rim`` (v,), stays.
     """
     for _ in range(20):  # a limit; each round treats the result of the round before
         first, second = _folded_pairs(vertices, cells, on_rim)
@@ -172,7 +172,7 @@ def _shortest_edges(vertices: Floats, cells: Ints, chosen: Ints) -> tuple[Ints, 
 def weld_rim_corners(vertices: Floats, cells: Ints, spacing: float) -> Ints:
     """Return the triangles (n, 3) with coincident border vertices welded where two open edges run between such places.
 
-    Several vertices may have been moved to one corner of a rim.
+    Several vertices may have been moved to one corner of a rim. They coincide up to .002 of the lattice's ``spacing``.
     """
     from scipy.spatial import cKDTree
 

@@ -61,7 +61,7 @@ def contour_curve(source: LocalSource, spacing: float) -> tuple[Mesh, TraceDefec
 
 
 def _trace_on(source: LocalSource, spacing: float, step: float, shift: float) -> tuple[CurveGraph, TraceDefects] | None:
-    """Return the graph of a curve traced from cells of this ``shift``, and its defects; None without segments."""
+    """Return the graph of a curve traced by ``step`` from cells of this ``shift``, and its defects; None if empty."""
     for _, level in cell_levels(source, spacing, shift):
         cells = level
     points = source.closest_point(np.asarray((cells - shift + 0.5) * spacing)).points

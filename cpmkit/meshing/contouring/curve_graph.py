@@ -127,6 +127,7 @@ def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> C
     """Return the graph with a common vertex where two segments cross that are not linked, see :func:`_are_linked`.
 
     The prolonged parts of :func:`_assemble` are left out; ``ends`` become the loose ends at which the curve ends.
+    ``step`` is the step of the trace, to which tolerances refer.
     """
     i, j, points = _self_crossings(source, graph, step)
     vertices = np.concatenate([graph.vertices, points])
