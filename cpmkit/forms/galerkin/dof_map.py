@@ -118,9 +118,9 @@ def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
 def dof_map_from_patches(
     spacing: float, cells: Ints, touching: Any, patch: Any, isolated: Bools, degree: int = 2
 ) -> DofMap:
-    """Return the dof map of given patches, with the attributes of :class:`DofMap`.
+    """Return the dof map of given patches, with the attributes of :class:`DofMap`, and the unknowns numbered.
 
-    ``isolated`` (p,) is whether each patch is on a piece of the manifold that has one unknown.
+    ``isolated`` (p,) is whether each patch is on a piece of the manifold that has a single unknown.
     """
     touching = np.ascontiguousarray(touching, dtype=np.int32)
     unknowns, nodes = number_unknowns(np.ascontiguousarray(cells), touching, isolated, degree + 1)

@@ -252,11 +252,11 @@ class Galerkin(EquationAssembly, Discretized):
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
-        """Return du/db (k, channels), b outwards, at points of a boundary's side; for None of the manifold's edge."""
+        """Return du/db (k, channels), b outwards, at points on a ``side`` of ``boundary``, or for None on the edge."""
         return self.coefficients.conormal_derivative(u, points, boundary, side, self.scene)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distances (k,) of ``points`` from a boundary, positive on its left, NaN past its ends."""
+        """Return the distances (k,) of ``points`` from boundary ``name``, positive on its left, NaN past its ends."""
         return self.coefficients.signed_distance(name, points)
 
     # Diagnosis

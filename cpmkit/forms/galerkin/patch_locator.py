@@ -71,7 +71,7 @@ class PatchLocator:
         return patch, nearest
 
     def signed_distance(self, number: int, points: Floats) -> Floats:
-        """Return the distances (k,) of points on the manifold from a boundary, positive on its left, NaN past ends."""
+        """Return the distances (k,) of ``points`` from boundary ``number``, positive on its left, NaN past its ends."""
         oriented = self.boundaries[number]
         at = self.lattice.to_scene(points) - oriented.left.origin
         return oriented.signed_distance(at, DIFFERENCE_SPACINGS * self.lattice.spacing)

@@ -114,7 +114,7 @@ class PointReader:
         return {boundary_number(self.boundaries, name): chosen for name, chosen in by_name.items()}
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distances (k,) of ``points`` from a boundary, positive on its left, NaN past its ends."""
+        """Return the distances (k,) of ``points`` from boundary ``name``, positive on its left, NaN past its ends."""
         return self.locator.signed_distance(boundary_number(self.boundaries, name), self.closest_points(points).points)
 
     # Gradients

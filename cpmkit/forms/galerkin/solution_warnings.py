@@ -150,7 +150,7 @@ def resolution_warnings(
     """Yield warnings on isolated pieces of the manifold, and on many unknowns at equal nodes.
 
     ``pieces`` are the number of connected pieces and the piece (n,) of each unknown; ``boundaries`` (b,) the patches of
-    the samples on boundaries, where nodes have several unknowns by construction.
+    the samples on boundaries, where nodes have several unknowns by construction; ``geometry`` is that of the cells.
     """
     count, piece = pieces
     size = np.bincount(piece, minlength=count)

@@ -127,7 +127,7 @@ def linear_form_rows(factors: Floats, rows: Ints, traces: csr_array) -> csr_arra
 
 
 def symmetric_sum(products: Sequence[tuple[csr_array, csr_array]]) -> csr_array:
-    """Return the sum of ``x^T y + y^T x`` over pairs of matrices (k, n), symmetric to the last bit."""
+    """Return the sum of ``x^T y + y^T x`` over ``products`` (x, y) of matrices (k, n), symmetric to the last bit."""
     from scipy.sparse import vstack
 
     x, y = (vstack(matrices, format="csr") for matrices in zip(*products, strict=True))

@@ -57,7 +57,7 @@ class EnrichedSpace(FunctionSpace):
         return hstack([self.spline_rows(patch, points), self.singular_rows(points, cells)], format="csr")
 
     def further_gradient_rows(self, points: Floats, cells: Ints) -> Sequence[csr_array]:
-        """Return d matrices (k, m) with the derivatives of the psi along each axis at ``points`` (k, d)."""
+        """Return d matrices (k, m): derivatives of the psi along each axis at ``points`` (k, d) in ``cells`` (k,)."""
         axes = np.eye(self.dof_map.dim)
         return [self.singular_derivative_rows(points, cells, np.broadcast_to(axis, points.shape)) for axis in axes]
 

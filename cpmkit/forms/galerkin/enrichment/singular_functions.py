@@ -212,7 +212,7 @@ class SingularFunction:
     def slopes(self, points: Floats, cells: Ints) -> tuple[Ints, Floats]:
         """Return the numbers (k,) of the ``points`` (q, d) inside the disc, and the gradients (k, d) of psi there.
 
-        The gradients are those of psi as a function that is constant along normals.
+        The points lie in the mesh ``cells`` (q,). The gradients are those of psi as constant along normals.
         """
         disc, power = self.disc, abs(self.frequency)
         rows, r, t = self._polar(points, cells)
@@ -240,7 +240,7 @@ def singular_functions(
 ) -> tuple[tuple[SingularFunction, ...], tuple[str, ...]]:
     """Return the singular functions of all tips of a cut mesh, and a warning if no disc fits around some of them.
 
-    Tips with a condition of the kind THROUGH on a side have none.
+    ``boundary`` are the samples that ``conditions`` refer to. Tips with a condition of the kind THROUGH have none.
     """
     finder, kinds = TipDiscFinder(mesh, lattice.spacing), _kinds(boundary, conditions)
     functions: list[SingularFunction] = []

@@ -37,7 +37,7 @@ SWEEP = 8
 
 @compiled
 def value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, weight: float) -> None:
-    """Fill a pair of rows of ``forms`` with the splines at (x, y, z) in the cell, and with ``weight`` times these."""
+    """Fill two rows of ``forms`` with the splines at (x, y, z) in the cell, and with ``weight`` times these."""
     room = row_length(splines)
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
@@ -50,7 +50,7 @@ def value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, z: fl
 def second_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
-    """Fill a pair of rows of ``forms`` with second derivatives of splines along ``n``, and ``weight`` times these."""
+    """Fill two rows of ``forms`` with second derivatives along ``n`` of splines at (x, y, z), then times ``weight``."""
     room, (nx, ny, nz) = row_length(splines), n
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
@@ -82,7 +82,8 @@ def sample_forms(
     """Fill five pairs of rows of ``forms``: the slopes of the splines, their second derivatives, and their values.
 
     The first three pairs are the slopes along each axis at ``place`` (x, y, z), and the symmetric ``tensor``, given by
-    its entries xx, xy, xz, yy, yz and zz, times these. Then follow the pairs of `second_form` and `value_form`.
+    its entries xx, xy, xz, yy, yz and zz, times these. Then follow the pairs of `second_form` along ``n``, with
+    ``second_weight``, and of `value_form`, with ``value_weight``. ``kind`` is 0 in the plane and 1 in space.
     """
     room, (x, y, z), (nx, ny, nz) = row_length(splines), place, n
     xx, xy, xz, yy, yz, zz = tensor
@@ -114,7 +115,7 @@ def sample_forms(
 def third_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
-    """Fill a pair of rows of ``forms`` with third derivatives of splines along ``n``, and ``weight`` times these."""
+    """Fill two rows of ``forms`` with third derivatives along ``n`` of splines at (x, y, z), then times ``weight``."""
     room, (nx, ny, nz) = row_length(splines), n
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
