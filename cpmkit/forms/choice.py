@@ -40,7 +40,7 @@ COARSER_SPACING_FACTOR = 1.5
 
 
 def module_of(form: str) -> Any:
-    """Return the module of the form named ``form``; it has the functions ``check`` and ``discretize``."""
+    """Return the module of the form named ``form``, "collocation" or "galerkin", with ``check`` and ``discretize``."""
     return import_module(MODULES[form])
 
 
@@ -91,7 +91,7 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
-    """Return the name ``form``, or for "auto" the form that one of the options ``names`` determines; None if none does.
+    """Return the form's name ``form``, or for "auto" that of the form that the options ``names`` determine, else None.
 
     An option of one form determines it. Where ``names`` maps options to values, so does an option of several forms,
     such as ``degree``, if only one form accepts its value. Names that are no options of a form are ignored. Raises
@@ -160,10 +160,10 @@ def every_option() -> dict[str, Option]:
 
 @contextmanager
 def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solver: str = "auto") -> Iterator[None]:
-    """Return a context: if memory runs out in it, the error is replaced by one that advises a spacing that fits.
+    """Return a context that replaces errors of exhausted memory by a ResolutionError that advises a spacing that fits.
 
-    Arrays that the frames of the traceback refer to are released first. The ``options`` are None for a form without a
-    lattice. The context raises ResolutionError, with the memory needed and the limit, if memory runs out in it.
+    Its message has the memory needed and the limit. Arrays that the frames of the traceback refer to are released
+    first. ``options`` are None for a form without a lattice; ``solver`` is the linear solver's name, or "auto".
     """
     limit = memory.memory_limit()
     try:
@@ -176,7 +176,7 @@ def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solv
 
 
 def _memory_sentence(scene: Scene, options: Options[Any] | None, solver: str, limit: memory.MemoryLimit) -> str:
-    """Return the message of an out-of-memory error: the memory needed, the limit, and the advised spacing."""
+    """Return the message of an out-of-memory error: the memory needed, ``limit``, and the advised spacing."""
     if options is None:
         return f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less."
     spacing, needed, hint, fits = options.spacing, "", "", 0.0
@@ -202,7 +202,7 @@ class Backend(Protocol):
     """
 
     def discretize(self, scene: Scene, spacing: float | None, *, progress: Progress) -> Discretized:
-        """Return the discretised scene; ``spacing`` is None if the user gave none.
+        """Return the discretised scene; ``spacing`` is None if not given, ``progress`` gets stages and shares done.
 
         Raises
         ------

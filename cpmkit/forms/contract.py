@@ -81,25 +81,25 @@ class FormOperators(ABC):
 
     @property
     def traits(self) -> FormTraits:
-        """The preferred solver, the dispersion, the class of the work record, and the libraries of the form."""
+        """The properties of the form that solvers, families and saved files read; by default ``FormTraits()``."""
         return FormTraits()
 
     def check(self, solver: str) -> None:
-        """Raise, before anything is solved, if the form cannot solve the problem or memory does not suffice.
+        """Raise if the form cannot solve the problem by the linear solver named ``solver``; by default never raise.
 
         Raises
         ------
         InputError, SceneError, ResolutionError
-            If so; the message of a ResolutionError has a spacing that would fit.
+            ResolutionError if memory does not suffice or the spacing is too coarse, with a spacing that would do.
         """
 
     def with_scene(self, scene: Scene) -> Self:
-        """Return the form on the same unknowns for a scene with another equation or other data on the same geometry."""
+        """Return the form, on the same unknowns, for a ``scene`` that differs only in its equation and data."""
         return replace(self, scene=scene)  # type: ignore[type-var]
 
     @property
     def constant(self) -> Floats:
-        """(n, 1) the unknowns of the function 1, whatever the conditions."""
+        """(n, 1) the unknowns of the function 1, whatever the conditions; by default ones."""
         return np.ones((self.size, 1))
 
     @property
@@ -123,45 +123,54 @@ class FormOperators(ABC):
         """
 
     def advection(self, field: StateDependentCoefficient) -> Operator:
-        """Return the integrals (n, n) of ``u (w . grad v)``, w = ``field``, v a test function, for Newton tangents."""
+        """Return the integrals (n, n) of ``u (w . grad v)``, w = ``field``, v a test function, for Newton tangents.
+
+        By default raises SceneError, as the form has no diffusivity that depends on u.
+        """
         raise lacking(self, "diffusivity that depends on u")
 
     def weighted_mass(self, values: Floats) -> csr_array:
-        """Return the integrals (n, n) of c u v, c with ``values`` (p,) at the points of the form."""
+        """Return the integrals (n, n) of c u v, c = ``values`` (p,) at :attr:`points`; by default raise SceneError."""
         raise lacking(self, "coupled channels")
 
     def boundary_mass(self, stiffness: Stiffness) -> Any:
-        """Return the matrix B of Steklov conditions, with a method ``apply``; None without such conditions."""
+        """Return the matrix B (n, n) of Steklov conditions, with a method ``apply``; None without such conditions.
+
+        ``stiffness`` is A. By default raises SceneError if the scene has such conditions.
+        """
         if any(isinstance(condition.law, Spectral) for condition in self.scene.conditions):
             raise lacking(self, "eigenvalues at boundaries")
 
     def levels(self, operator: Operator) -> Sequence[Any]:
-        """Return the coarser levels of multigrid for ``operator``, each with its prolongation; empty by default."""
+        """Return multigrid levels of ``operator``, fine to coarse, each with its prolongation; empty by default."""
         return ()
 
     @abstractmethod
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return the load (n, channels) of the right-hand side ``f`` at ``time``."""
+        """Return the load (n, channels) of the right-hand side ``f`` at ``time``; None for problems without time."""
 
     @abstractmethod
     def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
-        """Return the load (n, channels) of the conditions' data for u, or with ``of="laplacian"`` for -Lap u."""
+        """Return the load (n, channels) of conditions' data on u, or with ``of="laplacian"`` on -Lap u, at ``time``.
+
+        ``stiffness`` is the operator A in which the conditions are; ``time`` is None for problems without time.
+        """
 
     @property
     def state_fluxes(self) -> Sequence[StateFlux]:
-        """The parts of boundaries on which the flux depends on u."""
+        """The parts of boundaries on which the flux depends on u; by default raises SceneError."""
         raise lacking(self, "fluxes that depend on u")
 
     def linearise(self, seen: Sequence[Floats]) -> Self:
-        """Return the form with state-dependent fluxes replaced by tangents at u = ``seen`` (k,); itself without any."""
+        """Return the form with each of :attr:`state_fluxes` linearised at its u (k,) in ``seen``; itself by default."""
         return self
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the pieces of the manifold on which u + constant is a solution if u is, with means; None without."""
+        """Return the indicators and means of the pieces where u + constant solves A u = b if u does; else None."""
         return free_pieces(stiffness, lambda: self.mass)
 
     def means_without_flux(self) -> csr_array | None:
-        """Return means (k, n) over the k pieces that no flux leaves; None without any, or where they are inexact."""
+        """Return the means (k, n) over the k pieces that no flux leaves; None if there are none or they are inexact."""
         return None
 
 
@@ -179,13 +188,13 @@ class FormValues(FormOperators):
         return None
 
     def some_points(self, count: int) -> tuple[Ints, Floats]:
-        """Return the numbers (k,) and positions (k, d) of about ``count`` of the points, evenly spread over all."""
+        """Return the numbers (k,) and positions (k, d) of ``count`` of the points, evenly spread; of all if fewer."""
         rows = spread_rows(len(self.points), count)
         return rows, self.points[rows]
 
     @abstractmethod
     def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
-        """Return the values (p, channels) of u (n, channels) at the points, or at those with the numbers ``rows``."""
+        """Return the values (p, channels) of u (n, channels) at the points, or (k, channels) at the points ``rows``."""
 
     @abstractmethod
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
@@ -205,7 +214,10 @@ class FormValues(FormOperators):
     put_back = DeprecatedMember("project")
 
     def data_at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return ``data`` of the scene at the points, (p, channels); ``label`` is their name in error messages."""
+        """Return the values (p, channels) of ``data`` of the scene at :attr:`points` and ``time``.
+
+        ``label`` is their name in errors; ``channels`` None means as many as the data have.
+        """
         return evaluate_data(data, self.points, channels, label, time)
 
     def interpolate(
@@ -222,16 +234,17 @@ class FormValues(FormOperators):
         time : float
             The time of the data and of the conditions' data.
         in_range : bool
-            Whether the unknowns stay within the range of data that the spacing does not resolve.
+            Whether the unknowns stay within the range of data that the spacing does not resolve; ignored by default.
         step : float
-            Above zero: ``data`` are rates du/dt, and the rates of the conditions' data are taken over such a step.
+            Above 0: ``data`` are rates du/dt, as are the conditions' data, by differences over it; ignored by default.
         """
         return self.project(self.data_at_points(data, label, time, self.scene.channels), time=time)
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
         """Return the load (n, channels) of the right-hand side ``function(values, points)``.
 
-        ``values`` (p, channels) are those of u at the ``points`` (p, d) of the form.
+        Its arguments are the values (p, channels) of ``u`` (n, channels) at the points (p, d) of the form, and these
+        points; it returns numbers (p, channels).
         """
         values = function(self.at_points(u), self.points)
         return self.load(lambda _: values)
@@ -242,17 +255,23 @@ class FormValues(FormOperators):
 
     @abstractmethod
     def rows(self, points: Floats, side: Sides = None) -> csr_array:
-        """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d)."""
+        """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d).
+
+        ``side`` is the side from which points on boundaries are read: of all boundaries, or by name; None for either.
+        """
 
     def evaluate(self, u: Floats, points: Any, side: Sides = None) -> Floats:
-        """Return the values (k, channels) of u at the manifold's points nearest to ``points`` (k, d)."""
+        """Return the values (k, channels) of u (n, channels) at ``points`` (k, d), read as by :meth:`rows`."""
         at = as_points(points, self.scene.surface.dim)
         starts = range(0, max(len(at), 1), EVALUATION_CHUNK_POINTS)
         parts = (at[start : start + EVALUATION_CHUNK_POINTS] for start in starts)
         return np.concatenate([self.rows(part, side) @ u for part in parts])
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the tangential gradient (k, channels, d) of u at ``points`` (k, d), by default at :attr:`points`."""
+        """Return the tangential gradient (k, channels, d) of u at ``points`` (k, d), by default at :attr:`points`.
+
+        ``side`` is as in :meth:`rows`. Raises InputError unless the form overrides it.
+        """
         raise InputError(f"the form {self.form!r} evaluates no gradients.")
 
     def conormal_derivative(
@@ -260,20 +279,25 @@ class FormValues(FormOperators):
     ) -> Floats:
         """Return du/db (k, channels), b outwards, at the points of a boundary's side nearest to ``points`` (k, d).
 
-        Without a ``boundary``: at the nearest points of the edge of the manifold. b is the conormal.
+        Without a ``boundary``: at the nearest points of the edge of the manifold. b is the conormal. By default raises
+        InputError.
         """
         place = "the edge" if boundary is None else f"boundary {boundary!r}"
         raise InputError(f"the form {self.form!r} evaluates no flux through {place}.")
 
     def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
-        """Return the integrals (channels,) of du/db over a side of a boundary, a loop of the edge, or ``"edge"``.
+        """Return the integrals (channels,) of du/db at ``time`` over a side of a boundary or over the edge.
 
-        None where the form offers nothing better than a quadrature of :meth:`conormal_derivative`.
+        ``boundary`` is the name of the boundary, the number of the loop, or "edge"; ``side`` is None for the edge.
+        Returns None, the default, where a quadrature of :meth:`conormal_derivative` is as good.
         """
         return None
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distance (k,) of ``points`` (k, d) from a boundary, positive on its left; NaN where none is."""
+        """Return the distances (k,) of ``points`` (k, d) from the boundary ``name``, positive on its left.
+
+        NaN where a point has no side. By default raises InputError.
+        """
         raise InputError(f"the form {self.form!r} knows no sides of boundary {name!r}.")
 
     def display_mesh(self, u: Floats) -> DisplayMesh | None:
@@ -289,7 +313,7 @@ class Discretized(FormValues):
     """
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
-        """Return the solution u of ``operator u = b``, of mean zero on the pieces of its border, and the imbalances."""
+        """Return a solution u of ``operator u = b`` less its means on pieces of a border, and the imbalances of b."""
         return balanced_solution(operator, b, u, self) if isinstance(operator, Bordered) else (u, ())
 
     def warnings(self) -> tuple[str, ...]:
@@ -299,7 +323,7 @@ class Discretized(FormValues):
     def diagnosis(
         self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
     ) -> Diagnosis:
-        """Return the order of the error, reasons for slow convergence, and the share that the lattice does not resolve.
+        """Return the order of the error, reasons for slow convergence, and the unresolved share; by default order 2.
 
         Parameters
         ----------
@@ -322,17 +346,17 @@ class Discretized(FormValues):
         """Return the error that the representation of the manifold leaves at any spacing, as a share of u's range.
 
         ``difference`` is the root mean square difference, as a share of the range, from the solution on the flat
-        triangles of a mesh that is read as smooth, where it is known.
+        triangles of a mesh that is read as smooth, None where unknown; the default ignores it.
         """
         return advice_of(self.scene.surface, self.spacing).floor
 
     def work(self, operator: Operator, report: SolveReport | None) -> MeasuredWork:
-        """Return the measures of the work of a solve; ``report`` is None where none was made."""
+        """Return the measures of the work of a solve with ``operator``; ``report`` is None if no solver was called."""
         return PlainWork(self.size, operator.nonzeros, report.operator_applications if report else 0)
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """Return the options of the discretisation as plain values, by name."""
+        """Return the options of the discretisation by name, as numbers, text, lists and tables."""
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays that are saved with a solution, and by which it is recognised and rebuilt.
@@ -342,12 +366,12 @@ class Discretized(FormValues):
         return {}
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return in words how the form differs from that with the :meth:`arrays` ``saved``; empty if equal."""
+        """Return in words how the form differs from that with the :meth:`arrays` ``saved``; empty if it does not."""
         return ""
 
 
 def lacking(form: FormOperators, ability: str) -> SceneError:
-    """Return the error for a problem that needs an ``ability`` that the form lacks."""
+    """Return the SceneError for a problem that needs an ``ability`` that the form lacks, with its advice."""
     return SceneError(
         f"the form {form.form!r} has no {ability}, which {form.scene.problem.kind!r} needs; "
         f"{form.cannot.get(ability, 'use another form')}."
@@ -355,7 +379,7 @@ def lacking(form: FormOperators, ability: str) -> SceneError:
 
 
 def require(form: FormOperators, ability: str) -> None:
-    """Raise a SceneError, with advice, if the form lacks an ability."""
+    """Raise SceneError, with advice, if the form lacks the ``ability``, a key of :attr:`FormOperators.cannot`."""
     if ability in form.cannot:
         raise lacking(form, ability)
 

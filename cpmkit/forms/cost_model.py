@@ -168,23 +168,20 @@ class CostModel(ABC, Generic[Own]):
 
     @abstractmethod
     def choose_solver(self, target: str, unknowns: float) -> str:
-        """Return the name of the solver that ``target`` ("auto" or a name) means for so many unknowns."""
+        """Return the name of the solver that ``target`` ("auto" or a name) means for this number of ``unknowns``."""
 
     @abstractmethod
     def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
-        """Return the bytes at the peak of a solve; ``work`` are the measures of a coarser solve, None without one."""
+        """Return the bytes at the peak of a solve by ``solver``; ``work`` measures a coarser solve, None without it."""
 
     def check_fits(self, unknowns: float, solver: str) -> None:
-        """Raise if a solve needs more memory than this process may have.
-
-        Raises ResolutionError if it does; the message has a spacing that would fit.
-        """
+        """Raise ResolutionError, with a spacing that would fit, if a solve by ``solver`` exceeds the memory limit."""
         needed, fitting = self.peak_bytes(unknowns, solver), partial(self.fitting_spacing, solver)
         check_spacing_fits(needed, unknowns, self.options.spacing, fitting, solver, self.smaller_solver)
 
     @abstractmethod
     def fitting_spacing(self, solver: str, available: int) -> float:
-        """Return the smallest spacing, rounded up to two digits, at which a solve fits into ``available`` bytes."""
+        """Return the least spacing, rounded up to two digits, at which ``solver`` takes at most ``available`` bytes."""
 
     @abstractmethod
     def source_error(self) -> float:
@@ -193,6 +190,8 @@ class CostModel(ABC, Generic[Own]):
     @abstractmethod
     def explain(self, solver: str, progress: Progress) -> Explanation:
         """Return the explanation of a solve, with counts from a dry run; large scenes are discretised more coarsely.
+
+        ``solver`` is "auto" or a name. ``progress`` is called with stages and the shares of them that are done.
 
         Raises
         ------
@@ -210,13 +209,16 @@ class CostModel(ABC, Generic[Own]):
         return localize(self.scene.surface, np.zeros(self.scene.surface.dim))
 
     def extrapolate(self, fine: Mapping[str, int], coarse: Mapping[str, int], spacing: float) -> dict[str, int]:
-        """Return counts by name at the spacing of the options, from ``fine`` at ``spacing``, ``coarse`` at double."""
+        """Return counts by name at the options' spacing, extrapolated from coarser ones; at least ``fine``.
+
+        ``fine`` are the counts at ``spacing``, ``coarse`` those at twice that spacing.
+        """
         m = largest_dim(self.scene.surface)
         growths = {name: rising_growth((spacing, fine[name]), (2 * spacing, coarse[name]), m) for name in fine}
         return {name: round(max(growth.at(self.options.spacing), fine[name])) for name, growth in growths.items()}
 
     def band_unknowns(self, source: LocalSource) -> float:
-        """Return the approximate number of unknowns in a band around a ``source``; 0 for a point."""
+        """Return about the number of unknowns in a band of the options' spacing around ``source``; 0 for a point."""
         if source.largest_dim == 0:
             return 0.0
         degree: int = getattr(self.options.own, "degree")  # noqa: B009
@@ -243,7 +245,7 @@ class Growth:
         return self.a / spacing**self.m + self.b / spacing ** (self.m - 1)
 
     def spacing_with(self, number: float) -> float:
-        """Return the largest spacing at which the number is reached; a > 0 and b >= 0 are required."""
+        """Return the spacing at which the count is ``number``; a > 0 and b >= 0 are required."""
         if self.m == 1:
             return self.a / max(number - self.b, 1e-9 * number)
         roots = np.roots([number, *[0] * (self.m - 2), -self.b, -self.a])
@@ -251,7 +253,7 @@ class Growth:
 
 
 def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
-    """Return the growth through two pairs (spacing, number); m is the dimension of the manifold.
+    """Return the growth through two pairs (spacing, count), ``coarse`` at the larger spacing; m is that of Growth.
 
     Where a term would be negative, as the coarse lattice does not resolve the manifold, it is ``a / h^m`` through the
     pair ``fine`` alone.
@@ -274,7 +276,7 @@ def line_through(coarse: tuple[float, float], fine: tuple[float, float]) -> tupl
 
 
 def fitting_unknowns(limit: float, bytes_of: Callable[[float], float], start: float = 1.0) -> float:
-    """Return the number of unknowns, at least 1, with which ``bytes_of(unknowns)`` is ``limit``.
+    """Return the number of unknowns, at least 1, for which ``bytes_of(unknowns)`` is ``limit``.
 
     Fixed-point iteration from ``start``; for bytes like unknowns^p, p from 2/3 to 4/3, a round divides the error by 3.
     """

@@ -80,7 +80,7 @@ class Field:
         return int(self.columns.shape[1])
 
     def __call__(self, points: Floats) -> Floats:
-        """Return the values (k,) or (k, channels) at points (k, d) of the manifold."""
+        """Return the values (k,) or (k, channels) at points (k, d) of the manifold; at its own points, ``values``."""
         if not len(points):
             return self.values[:0]
         if points is self.points or (np.shape(points) == self.points.shape and np.array_equal(points, self.points)):
@@ -94,7 +94,7 @@ class Field:
         return self.form.project(self.columns) if self.unknowns is None else self.unknowns
 
     def map(self, function: Callable[..., Any]) -> Field:
-        """Return the field with the values ``function(points, values)``, (p,) or (p, channels)."""
+        """Return the field at the same points with the values ``function(points, values)``, (p,) or (p, channels)."""
         values = np.asarray(function(self.points, self.values), dtype=np.float64)
         return Field(self.form, values)
 
@@ -127,7 +127,7 @@ class Field:
         return Divergence(self, scale)
 
     def project(self, onto: ClosestPointSource | None = None) -> Field:
-        """Return the tangential part of a field of vectors; with ``onto`` the closest points on a source to the values.
+        """Return the field of the vectors' tangential parts; with ``onto``, of the closest points on it to the values.
 
         Raises
         ------
@@ -182,7 +182,7 @@ def field_of(form: Discretized, data: Any) -> Field:
     """Return the field of ``data`` at the points of a form.
 
     ``data`` are a number, a sequence with one value for each channel, an array of values (p,) or (p, channels) at the
-    points, a function of points, or a solution; a solution on the same unknowns is taken over without loss.
+    points, a function of points, or a solution; the field of a solution on the same points keeps its unknowns.
     Raises InputError if the data are none of these.
     """
     other = getattr(data, "discretized", None)

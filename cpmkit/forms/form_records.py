@@ -62,7 +62,7 @@ class Dispersion:
     bend_power: int = 2  #: Order of convergence with respect to the curvature of the manifold.
 
     def error(self, eigenvalue: float, spacing: float, radius: float) -> float:
-        """Return the error of ``eigenvalue`` at ``spacing`` on a manifold with the ``radius`` of curvature."""
+        """Return the expected error of ``eigenvalue`` at ``spacing`` on a manifold with the ``radius`` of curvature."""
         waves = self.waves * (eigenvalue * spacing**2) ** (self.power / 2)
         return float(eigenvalue * (waves + self.bends * (spacing / radius) ** self.bend_power))
 
@@ -90,7 +90,7 @@ class PlainWork:
     operator_applications: int
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the measures as plain values."""
+        """Return all measures by name, as numbers."""
         return asdict(self)
 
 
@@ -102,7 +102,7 @@ class MeasuredWork(Protocol):
         """Size of the linear system."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all measures as plain values."""
+        """Return all measures by name, as numbers or tables of numbers."""
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ class Imbalance:
         return [abs(value) / size if size > 0 else 0.0 for value, size in pairs]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the record as plain values."""
+        """Return the fields by name, as text, numbers and tuples."""
         return asdict(self)
 
     @property
@@ -93,7 +93,7 @@ class Imbalance:
 
     @property
     def warnings(self) -> list[str]:
-        """A list with the warning of an imbalance that the spacing does not explain; empty if it explains it."""
+        """A list with one warning if the relative imbalance exceeds ``explained``; otherwise empty."""
         if self.relative <= self.explained:
             return []
         worst = self.value[self.shares.index(self.relative)]
@@ -169,7 +169,10 @@ _PIECES: WeakKeyDictionary[Border, list[dict[str, Any]]] = WeakKeyDictionary()
 def balanced_solution(
     operator: Bordered, b: Floats, u: Floats, form: Discretized
 ) -> tuple[Floats, tuple[Imbalance, ...]]:
-    """Return u (n, channels) with mean zero on each piece of the border, and the imbalance of the load ``b`` there."""
+    """Return u (n, channels) less its mean on each piece of the border, and the imbalance of the load ``b`` there.
+
+    ``u`` solves ``operator u = b``. The places of the pieces are stored for the next call with the same border.
+    """
     u, means = operator.border.remove_means(u)
     indicator, load = operator.border.indicator.toarray(), operator.border.constant_load
     measure = (indicator * (indicator if form.mass is None else form.mass.apply(indicator))).sum(axis=0)
@@ -182,7 +185,10 @@ def balanced_solution(
 
 
 def _described_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
-    """Return the fields explained, near and share of the imbalance on a piece, whose points ``on_piece`` (p,) marks."""
+    """Return the fields explained, near and share of an imbalance on the piece with the points ``on_piece`` (p,).
+
+    A piece without points has no place: its ``near`` is empty and its ``share`` 0.
+    """
     points, members = form.points, np.flatnonzero(on_piece)
     if not len(members):
         return {"explained": GROSS_DEFECT_SHARE, "near": (), "share": 0.0}

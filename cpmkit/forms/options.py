@@ -62,12 +62,12 @@ MEMORY_UNITS = {"kib": 2**10, "mib": 2**20, "gib": 2**30, "kb": 10**3, "mb": 10*
 
 
 def _positive_or_none(value: Any, label: str) -> float | None:
-    """Return ``value`` as float if it is a positive number, or None; raise an InputError for other values."""
+    """Return ``value``, called ``label`` in errors, as float if it is positive, or None; else raise an InputError."""
     return None if value is None else positive(value, label)
 
 
 def _tolerance(value: Any, label: str) -> float | None:
-    """Return ``value`` as float if it is above 0 and below 1, or None; raise an InputError for other values."""
+    """Return ``value``, called ``label`` in errors, as float if in (0, 1), or None; else raise an InputError."""
     if value is not None and positive(value, label) >= 1:
         raise InputError(
             f"{label} is an error as a share of the solution's range and must be below 1, got {value:g}; use 1e-3."
@@ -76,7 +76,7 @@ def _tolerance(value: Any, label: str) -> float | None:
 
 
 def _estimate(value: Any, label: str) -> Any:
-    """Return ``value`` if it is a bool, "tight" or None; raise an InputError for other values."""
+    """Return ``value``, called ``label`` in errors, if it is a bool, "tight" or None; else raise an InputError."""
     if value is not None and not isinstance(value, bool) and value != "tight":
         raise InputError(f"{label} must be True, False, 'tight' or None, got {shown(value)}.")
     return value
@@ -85,7 +85,7 @@ def _estimate(value: Any, label: str) -> Any:
 def read_memory(value: Any, label: str = "memory") -> float | None:
     """Return a memory in bytes, given as a number or as text such as ``"2 GiB"``; None is returned unchanged.
 
-    Raises InputError for any other value: the number must be positive, and text must end with a unit.
+    Raises InputError, naming the value ``label``, if the number is not positive or the text does not end with a unit.
     """
     if not isinstance(value, str):
         return _positive_or_none(value, label)
@@ -149,7 +149,7 @@ class AccuracyTarget(DeclaredOptions):
         return " and ".join(f"{name}={getattr(self, name):g}" for name in self.given_targets)
 
     def check_spacing(self, spacing: float | None) -> None:
-        """Raise InputError if a spacing is given together with a target, which determines it, or a norm without one."""
+        """Raise InputError for a ``spacing`` (None: not given) beside a target, or norm="max" without a target."""
         if self.given_targets and spacing is not None:
             name = self.given_targets[0]
             raise InputError(

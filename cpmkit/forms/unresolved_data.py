@@ -43,7 +43,7 @@ class DataAtPoints(NamedTuple):
 
 
 def unresolved_data(form: Discretized, conditions: Iterable[DataAtPoints], spacing: float | None = None) -> list[str]:
-    """Return a warning for each of a scene's data that varies within a spacing.
+    """Return a list with a warning for each of a scene's data that varies within a spacing.
 
     ``form``: the form, at some of whose points the data of the equation are read.
     ``conditions``: the data of the conditions.
@@ -89,7 +89,7 @@ def _all_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator
 
 
 def _rows_in_runs(count: int) -> Any:
-    """Return the integers from 0 below ``count``; if these are many, evenly spread runs of consecutive integers."""
+    """Return the integers (k,) from 0 below ``count``; if these are many, evenly spread runs of consecutive ones."""
     if count <= RUNS * RUN_LENGTH:
         return np.arange(count)
     starts = np.linspace(0, count - RUN_LENGTH, RUNS).astype(np.int64)
@@ -97,7 +97,7 @@ def _rows_in_runs(count: int) -> Any:
 
 
 def _warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator[str]:
-    """Yield a warning if data vary within a spacing, unless their values are rounding errors alone."""
+    """Yield one warning if data vary within ``spacing``, unless their values are rounding errors alone; else none."""
     values = _values(scene, data)
     share = 0.0 if values is None else nugget(values, data.points, spacing)
     if share > UNRESOLVED_NUGGET and not _is_rounding(scene, data, values, spacing):
@@ -110,9 +110,9 @@ def _warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator[str]
 
 
 def _is_rounding(scene: Scene, data: DataAtPoints, values: Any, spacing: float) -> bool:
-    """Return whether data with these ``values`` (k, channels) are zero up to rounding, as ``x`` is on a side at x = 0.
+    """Return whether data with ``values`` (k, channels) are zero up to rounding, as ``x`` is on a side at x = 0.
 
-    They are if a small move of their points changes them by many times their size.
+    They are if moving their points by a tiny share of ``spacing`` changes them by many times their size.
     """
     step = MOVED_SPACINGS * spacing * np.array(MOVED)[: data.points.shape[1]]
     moved = _values(scene, data._replace(points=data.points + step))
