@@ -2,8 +2,7 @@
 
 With A the operator of an equation's terms, M the mass matrix of the form, and b the load of the right-hand side and of
 the conditions, a steady problem is ``A u = b``, a problem in time ``M u' = -A u + b``, and an eigenvalue problem
-``A u = lambda B u``. Families of equations are written over :class:`Discretized` alone and know no form; a form knows
-no family and no other form.
+``A u = lambda B u``. Families of equations know only :class:`Discretized`; a form knows no family and no other form.
 
 A new form implements the abstract members. The other members have defaults that are right wherever the form knows the
 problem through A alone, or raise SceneError (InputError where they evaluate u) because the form lacks the ability.
@@ -279,8 +278,7 @@ class FormValues(FormOperators):
     ) -> Floats:
         """Return du/db (k, channels), b outwards, at the points of a boundary's side nearest to ``points`` (k, d).
 
-        Without a ``boundary``: at the nearest points of the edge of the manifold. b is the conormal. By default raises
-        InputError.
+        Without a ``boundary``: at the nearest points of the manifold's edge. b is the conormal. Default: InputError.
         """
         place = "the edge" if boundary is None else f"boundary {boundary!r}"
         raise InputError(f"the form {self.form!r} evaluates no flux through {place}.")
@@ -308,8 +306,7 @@ class FormValues(FormOperators):
 class Discretized(FormValues):
     """A scene on the unknowns of one form, prepared once for many equations and right-hand sides.
 
-    This part of the contract has warnings, error estimates and cost of a solution, and the description by which a saved
-    solution is recognised.
+    Here are warnings, error estimates, the cost of a solution, and the description that recognises a saved solution.
     """
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:

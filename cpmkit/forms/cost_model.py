@@ -255,8 +255,8 @@ class Growth:
 def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
     """Return the growth through two pairs (spacing, count), ``coarse`` at the larger spacing; m is that of Growth.
 
-    Where a term would be negative, as the coarse lattice does not resolve the manifold, it is ``a / h^m`` through the
-    pair ``fine`` alone.
+    Where a term would be negative, as the coarse lattice does not resolve the manifold, it is ``a / h^m`` from
+    ``fine``.
     """
     (h, n), (wide, few) = fine, coarse
     b = (few * wide**m - n * h**m) / (wide - h)

@@ -137,8 +137,7 @@ class FormTraits:
 class ExpectedError:
     """An estimate of the error of a solution from that solution alone."""
 
-    #: rms, largest (channels,): root mean square and largest error, in the unit of the solution; mostly right within a
-    #: factor of two.
+    #: rms, largest (channels,): root mean square and largest error, in the solution's unit, mostly right to a factor 2.
     rms: Floats
     largest: Floats
     #: Whether the solution has waves or peaks that the lattice hardly resolves; errors may then be larger.

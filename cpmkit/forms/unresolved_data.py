@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 #: Points at which data are compared: so many runs of so many consecutive points.
 RUNS, RUN_LENGTH = 24, 128
-#: Neighbours of each point, within so many spacings; points nearer than the last are counted once, as nodes may share
-#: closest points.
+#: Neighbours of a point, within so many spacings; points nearer than the last count once, as nodes may share them.
 NEIGHBOURS, NEIGHBOUR_SPACINGS, SAME_SPACINGS = 6, 0.75, 0.05
 #: Data are unresolved where the root of A is more than this share of their root mean square. Of sin(k x) on circles and
 #: spheres it is below .1 up to k h = 1, .1 to .3 at 3, from .2 on at 6 and .85 to 1.1 from 20 on, in both forms; of a

@@ -45,8 +45,7 @@ class Layout:
     boundaries: BoundariesOnBand  #: The boundaries, and the distances and sides of the band's nodes from each.
     ghosts: Sequence[Ghosts]  #: The ghosts of each boundary.
     channels: int  #: Number of right-hand sides that are solved together.
-    #: rims, meetings: Places at rims, and places where boundaries meet each other or themselves, that the spacing does
-    #: not resolve.
+    #: rims, meetings: Unresolved places at rims, and places where boundaries meet each other or themselves.
     rims: Sequence[UnresolvedPlace] = ()
     meetings: Sequence[UnresolvedPlace] = ()
 
@@ -72,7 +71,7 @@ class Layout:
 def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Layout:
     """Return the layout of a scene: its unknowns on a lattice, and the formulas of their rows in the matrix E.
 
-    ``progress`` is called with the stage and its share done. Raises InputError, SceneError or ResolutionError if the
+    ``progress`` is called with stages and the shares done. Raises InputError, SceneError or ResolutionError if the
     lattice's origin, a boundary, a condition or the spacing does not fit.
     """
     lattice = lattice_of(scene.surface, options.spacing, options.origin, COARSEST_BAND_SHARE)
@@ -100,7 +99,7 @@ def with_data_of(layout: Layout, scene: Scene) -> Layout:
 
 
 def _with_meetings(layout: Layout, time: float | None) -> Layout:
-    """Return the layout with the places where boundaries meet unresolved, their data compared at ``time``."""
+    """Return the layout with the places, unresolved by the spacing, where boundaries meet; data are at ``time``."""
     boundaries, lattice, channels = layout.boundaries, layout.lattice, layout.channels
     meetings = find_meetings(boundaries, lattice, channels, time)
     return replace(layout, meetings=meetings + find_mixed_sides(boundaries, lattice, channels, time))
@@ -129,10 +128,9 @@ def _boundaries_and_nodes(
 
 
 def _sources_of_nodes(boundaries: BoundariesOnBand, band: Band) -> RowFormula:
-    """Return the formula by which nodes read right-hand sides.
+    """Return the formula by which the band's nodes read right-hand sides: at their closest points, on their own side.
 
-    They read them at their closest points; a node whose closest point is almost on a boundary reads them farther inside
-    its own side, and extrapolates.
+    A node whose closest point is almost on a boundary extrapolates from points farther inside its side.
     """
     points, coefficient, terms = band.feet.points.copy(), np.ones(len(band.nodes)), []
     for number, view in enumerate(boundaries.side_views):

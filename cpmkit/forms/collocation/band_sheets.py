@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 SAME_SHEET_COSINE = -0.4
 #: Feet farther from each other than this many spacings, along their mean normal, are on different sheets.
 SHEET_HEIGHT_SPACINGS = 0.5
-#: A node or another foot nearer to a foot than this many spacings counts as the same point: the direction between them
-#: is not taken as the normal.
+#: A point nearer to a foot than this many spacings counts as the same: the direction between them gives no normal.
 ON_FOOT_SPACINGS = 0.1
 
 
@@ -45,7 +44,7 @@ def same_sheet(
     signed: bool,
     slope: float = 0.0,
 ) -> Bools:
-    """Return which pairs of surface points (..., d), given with their normals (..., d), are on one sheet.
+    """Return whether (...) two surface points (..., d), given with their normals (..., d), are on one sheet.
 
     On a smooth sheet the chord between two points is at right angles to the mean of their normals, up to the third
     order of its length: so ``|chord . (n + n')| / 2`` is small for any curvature, while between parallel sheets it is
@@ -244,10 +243,9 @@ class BoundaryOnSheets:
         return offset, on_sheet
 
     def _is_level(self, feet: SurfacePoints, targets: SurfacePoints) -> Bools:
-        """Return which pairs (n,) of points have the same height over their mean normal, as on any smooth sheet.
+        """Return whether (n,) points of a pair have the same height over their mean normal, as on any smooth sheet.
 
-        This is also true of points on the two slopes of a ridge: where normals differ more than that, only close points
-        count.
+        This also holds for points on the two slopes of a ridge: where normals differ much, only close points count.
         """
         along = np.sum(feet.normals * targets.normals, axis=1)
         other = targets.normals if self.signed else np.where(along[:, None] < 0, -targets.normals, targets.normals)

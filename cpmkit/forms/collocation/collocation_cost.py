@@ -39,23 +39,23 @@ class CollocationCost(CostModel[CollocationOptions]):
     smaller_solver: ClassVar[str] = "reference"
 
     def choose_solver(self, target: str, unknowns: float) -> str:
-        """Return the name of the solver that ``target`` ("auto" or a name) means for this number of unknowns."""
+        """Return the name of the solver that ``target`` ("auto" or a name) means for this number of ``unknowns``."""
         dim = largest_dim(self.scene.surface)
         return choose_solver(target, round(unknowns), dim, self.scene.problem.factorise_up_to)
 
     def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
-        """Return the bytes of tables and vectors at the peak of a solve."""
+        """Return the bytes of tables and vectors at the peak of a solve by ``solver``; ``work`` is ignored."""
         del work
         return self._bytes_with_rows(None, unknowns, solver)
 
     def _bytes_with_rows(self, rows: int | None, unknowns: float, solver: str) -> float:
-        """Return the bytes at the peak of a solve with this number of ``rows`` of E, by default the usual number."""
+        """Return the bytes at the peak of a solve with this number of ``rows`` of E, None for the usual number."""
         dim, degree = self.scene.surface.dim, self.options.own.degree
         per_unknown = None if rows is None else rows / unknowns
         return unknowns * bytes_per_unknown(dim, degree, solver, self.scene.channels, per_unknown)
 
     def fitting_spacing(self, solver: str, available: int) -> float:
-        """Return the smallest spacing at which a solve fits into ``available`` bytes."""
+        """Return the smallest spacing at which a solve by ``solver`` fits into ``available`` bytes."""
         return fitting_spacing(self.surface, self.options.own.degree, available, solver)
 
     def source_error(self) -> float:
@@ -65,7 +65,8 @@ class CollocationCost(CostModel[CollocationOptions]):
     def explain(self, solver: str, progress: Progress) -> Explanation:
         """Return the explanation of a solve, from a layout at the spacing or from three coarser layouts.
 
-        Raises the errors of a solve before its equations are assembled.
+        ``solver`` is "auto" or a name; ``progress`` is called with "dry run" and the share done. Raises ResolutionError
+        if the memory does not suffice, and the errors of a solve before its equations are assembled.
         """
         scene, spacing = self.scene, self.options.spacing
         progress("dry run", 0.0)
@@ -99,7 +100,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         )
 
     def _expected_queries(self, layouts: Sequence[Layout]) -> int:
-        """Return the closest point queries at the spacing, from three layouts at coarser spacings.
+        """Return the number of closest point queries at the spacing, extrapolated from three coarser ``layouts``.
 
         Those of each source grow like ``a / h^m + ... + c`` with no term negative, m its dimension: points that define
         the left of boundaries are queried besides nodes.
@@ -130,7 +131,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return lattice.spacing * side
 
     def _parts(self, counts: Mapping[str, int], layout: Layout) -> list[Part]:
-        """Return the parts of the explanation: inner nodes, twins, outer nodes, nodes past the edge, and ghosts."""
+        """Return the parts of the explanation, with numbers from ``counts``: nodes, twins and ghosts by boundary."""
         own, twins, past_edge = self.options.own, counts["twins"], counts["past edge"]
         parts = [
             Part(
@@ -176,7 +177,7 @@ class CollocationCost(CostModel[CollocationOptions]):
 
 
 def _query_noise(layout: Layout) -> float:
-    """Return the largest distance by which the closest points of some nodes move when they are queried again."""
+    """Return the largest distance by which the closest points of 1000 nodes move when they are queried again."""
     nodes = np.linspace(0, len(layout.band.nodes) - 1, PROBED_FEET).astype(np.int64)
     feet = layout.band.feet.take(np.unique(nodes))
     if feet.doubtful is not None:

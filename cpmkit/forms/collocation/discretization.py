@@ -53,7 +53,7 @@ class Discretization:
         return self.weighted_differences(np.ones(self.neighbours.size))
 
     def weighted_differences(self, weights: Floats) -> csr_array:
-        """Return the read-only matrix (unknowns, rows) with these ``weights`` of the difference neighbours."""
+        """Return the read-only matrix (unknowns, rows) with ``weights``, 2 d a row, at the difference neighbours."""
         return read_only(matrix_of_rows(weights, self.neighbours, self.extension.shape[0]))
 
     @property
@@ -79,7 +79,7 @@ class Discretization:
         )
 
     def read_sources(self, data: Data, label: str, time: float | None = None) -> Floats:
-        """Return ``data`` (unknowns, channels) at the unknowns' :attr:`sources`; errors call the data ``label``."""
+        """Return ``data`` (unknowns, channels) at :attr:`sources` and ``time``; errors call the data ``label``."""
         sources, lattice, channels = self.sources, self.layout.lattice, self.layout.channels
         values = evaluate_data(data, lattice.to_scene(sources.points), channels, label, time)
         if not sources.terms:
@@ -91,7 +91,10 @@ class Discretization:
         return values
 
     def read_at_rows(self, data: Any, label: str, channels: int | None = 1) -> Floats:
-        """Return a coefficient (rows, channels) at all rows of E, at ghosts on the side that they continue."""
+        """Return ``data``, ``label`` in errors, (rows, channels) at all rows of E; channels None: as the data have.
+
+        Ghosts read them on the side that they continue.
+        """
         formulas = [self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)]
         points = [self.layout.lattice.to_scene(formula.points) for formula in formulas]
         return np.concatenate([evaluate_data(data, at, channels, label) for at in points])
@@ -130,7 +133,7 @@ def build_tables(
 ) -> Discretization:
     """Return the tables of a scene (E, difference neighbours, boundary data), after all checks of its layout.
 
-    ``progress`` is called with the stage and its share done. Raises InputError, SceneError or ResolutionError if the
+    ``progress`` is called with stages and the shares done. Raises InputError, SceneError or ResolutionError if the
     lattice's origin, a boundary, a condition or the spacing does not fit.
     """
     layout = lay_out(scene, options, progress)
@@ -141,7 +144,7 @@ def build_tables(
 
 
 def tabulate(layout: Layout, progress: Progress = no_progress) -> Discretization:
-    """Return the tables of a layout, computed from its formulas: E, the difference neighbours and the boundary data."""
+    """Return the tables (E, difference neighbours, boundary data) of a layout; ``progress`` gets stage and share."""
     extension, data, centres = extend_rows(layout, lambda stage, share: progress(stage, 0.8 * share))
     neighbours = _neighbours(layout.unknowns, centres)
     neighbours.flags.writeable = False
@@ -161,7 +164,7 @@ def read_only(matrix: csr_array) -> csr_array:
 
 
 def _neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
-    """Return the rows of E (unknowns, 2 d) that the difference stencil of each unknown reads.
+    """Return the rows of E (unknowns, 2 d) that the difference stencil of each unknown reads; ``centres`` are of rows.
 
     A neighbour on the other side of a boundary is read through its ghost. The stencil of a ghost reads the ghost of a
     neighbour that is on its own node's side, and the node itself on the side that it continues, or past an open end.
@@ -256,7 +259,7 @@ class Work(PlainWork):
 
 
 def measure_work(tables: Discretization, operator: Operator, report: SolveReport | None) -> Work:
-    """Return the sizes of the tables and the number of operations of the solve (zero without a ``report``)."""
+    """Return the sizes of the tables and of ``operator``, and the operations of a solve, 0 if ``report`` is None."""
     layout, matrix, feet = tables.layout, tables.extension, tables.layout.band.feet
     first_order = sum(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1) for ghosts in layout.ghosts)
     stored = sum(part.nbytes for part in (matrix.data, matrix.indices, matrix.indptr))

@@ -1,8 +1,6 @@
 """The matrix that interpolates the unknowns of a band at points of the manifold, each read from its own side.
 
-The closest point extension E, the evaluation of a solution and the transfers between bands are all this matrix: it
-*interpolates in the band at these points, and at each node of a stencil takes the unknown on the point's own side of
-every boundary*.
+The closest point extension E and the evaluation of a solution are this matrix.
 """
 
 from __future__ import annotations
@@ -45,8 +43,7 @@ def extend(
     ``coefficient`` (n,): factor of each row, by default 1.
     ``progress``: called with the stage "tables" and the share of it that is done.
 
-    Raises ResolutionError if a stencil leaves the band, which cannot happen with a source that obeys the rules of
-    closest point sources.
+    Raises ResolutionError if a stencil leaves the band, which happens only if the source breaks its contract.
     """
     band, n = unknowns.band, len(points)
     width = (band.degree + 1) ** band.dim
@@ -65,7 +62,10 @@ def extend(
 
 
 def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_array, Sequence[BoundaryData], Centres]:
-    """Return E (rows, unknowns), the boundary data that are added to E u, and the centres of the rows' stencils."""
+    """Return E (rows, unknowns), the boundary data added to E u, and the stencils' centres, of all rows of a layout.
+
+    ``progress`` is called with the stage "tables" and the share of it that is done.
+    """
     formula = _formula_of_rows(layout)
     centres = row_centres(layout, formula)
     extension = extend(layout.unknowns, formula.points, centres, formula.coefficient, progress)
@@ -96,8 +96,7 @@ def _formula_of_rows(layout: Layout) -> RowFormula:
 def row_centres(layout: Layout, formula: RowFormula | None = None) -> Centres:
     """Return the centres of the stencils of all rows of E, with the side of each boundary on which each lies.
 
-    If the band has sheets and the rows' ``formula`` is given, they include closest points and normals, which choose
-    the sheet.
+    If the band has sheets and the rows' ``formula`` is given, they include the feet and normals that choose the sheet.
     """
     band, first = layout.band, layout.unknowns.first_rows
     owner = np.repeat(np.arange(-1, len(layout.ghosts)), np.diff(first, prepend=0))

@@ -68,14 +68,14 @@ class ExtensionOperator:
         return self._differences.product(self._extension @ u, subtract_from_diagonal)
 
     def apply_rows(self, u: Floats, rows: Ints) -> Floats:
-        """Return the entries ``rows`` (r,) of A u, computing only those entries of E u that they need."""
+        """Return the entries ``rows`` (r,) of A u, u (n,) or (n, channels), from only the entries of E u they need."""
         read = self.differences[rows]
         columns = np.unique(read.indices)
         product = read[:, columns] @ (self.extension[columns] @ u)
         return np.asarray(self._diagonal(rows, u) * u[rows] - self.scale * product)
 
     def _diagonal(self, rows: Any, u: Floats) -> Any:
-        """Return the diagonal at ``rows``, in a shape that multiplies the rows of ``u``."""
+        """Return the diagonal at ``rows``: a number, (r,) for u (n,), or (r, 1) for u (n, channels)."""
         if not isinstance(self.diagonal, np.ndarray):
             return self.diagonal
         return self.diagonal[rows, 0] if u.ndim == 1 else self.diagonal[rows]
@@ -107,12 +107,12 @@ class ExtensionOperator:
         return int(label[:n].max(initial=-1)) + 1, label[:n]
 
     def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> ExtensionOperator:
-        """Return the operator ``I + factor A``; the mass matrix of this form is the identity."""
+        """Return the operator ``I + factor A``; ``mass`` must be None, as the mass matrix is the identity."""
         assert mass is None
         return replace(self, diagonal=1.0 + factor * self.diagonal, scale=factor * self.scale)
 
     def minus_shifted_mass(self, shift: float, mass: BoundaryMass | None = None) -> ExtensionOperator:
-        """Return ``A - shift M``, where M is the identity or, if given, the boundary mass of Steklov conditions."""
+        """Return ``A - shift M``; M is the boundary mass ``mass`` of Steklov conditions, or the identity if None."""
         if mass is None:
             return replace(self, diagonal=self.diagonal - shift)
         return replace(self, extension=(self.extension + shift * mass.reads).tocsr())
@@ -144,7 +144,7 @@ class BoundaryMass:
 
 
 def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
-    """Return the operator A of an equation: c u - div(a grad u), and the advection v . grad u if there is a velocity.
+    """Return the operator A of the terms c u - div(a grad u), and of v . grad u if there is a velocity v.
 
     Raises InputError if a coefficient is no number or callable of points, or a callable diffusivity is not positive.
     Raises ResolutionError if the spacing is too coarse for the velocity.
@@ -169,10 +169,7 @@ def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
 
 
 def check_terms(terms: Terms) -> None:
-    """Raise if the form cannot discretise one of the terms: a conservative velocity.
-
-    Raises SceneError with the alternatives.
-    """
+    """Raise SceneError, with alternatives, if the velocity of the terms is conservative, ``div(v u)``."""
     if terms.conservative:
         raise SceneError(
             "the form 'collocation' has v . grad u, not div(v u); leave `conservative` out and add div v to c, or use "
@@ -226,7 +223,7 @@ def _ghost_diffusivity(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Fl
 
 
 def _add_log_terms(values: Floats, formula: RowFormula, log_at: Callable[[Floats], Floats]) -> Floats:
-    """Return ``values`` (n,), the first terms of log a, plus ``coefficient * log a`` at the formula's further points.
+    """Return ``values`` (n,), the first terms of log a, plus the terms ``coefficient * log a`` of further points.
 
     a is the diffusivity; ``log_at`` returns log a (k,) at points (k, d).
     """

@@ -40,7 +40,7 @@ PAST_RIM_SPACINGS = 0.05
 
 
 def find_narrowest_gap(surface: LocalSource, band: Band, lattice: Lattice) -> list[UnresolvedPlace]:
-    """Return a list of the narrowest gap in front of a rim of the manifold; it is empty if there is no gap.
+    """Return a list with the narrowest gap in front of a rim of the manifold; it is empty if there is no gap.
 
     A gap that stencils bridge is preferred, unless it is that of a notch or a small hole of a surface, and is of kind
     "gap"; all others are of kind "opening". The number of queries grows with the length of the rims, from none.
@@ -88,7 +88,7 @@ def _gaps_ahead(surface: LocalSource, rim: Floats, outward: Floats, spacing: flo
     """
 
     def across_gap(rows: Ints, step: float) -> tuple[Floats, Bools, Bools]:
-        """Return the feet ahead of rim points, whether each is on another part, and whether that faces the rim."""
+        """Return the feet (m, d) ``step`` ahead, whether (m,) each is on another part, and if that faces the rim."""
         ahead = rim[rows] + step * outward[rows]
         feet = surface.closest_point(ahead).points
         chord, back = feet - rim[rows], feet - ahead
@@ -110,7 +110,7 @@ def _gaps_ahead(surface: LocalSource, rim: Floats, outward: Floats, spacing: flo
 
 
 def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
-    """Return whether (k,) each point (k, d) is on a stretch of a rim longer than the tip of a notch or a small hole."""
+    """Return whether (k,) each point ``rim`` (k, d) is on a stretch, in its ``loop`` (k,), of 6 spacings or more."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -131,7 +131,7 @@ def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
 def find_rim_strips(
     boundaries: Sequence[BoundaryOnLattice], surface: LocalSource, band: Band, lattice: Lattice
 ) -> list[UnresolvedPlace]:
-    """Return a place for each boundary on a rim or along it within a spacing; without rims there are no queries."""
+    """Return a place, "on rim" or "rim strip", for each boundary that runs along a rim within a spacing of it."""
     from scipy.spatial import cKDTree
 
     h, past, strips = band.spacing, np.flatnonzero(band.feet.edge >= 0), []

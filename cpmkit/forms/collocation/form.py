@@ -99,10 +99,7 @@ class Collocation(Reader):
         return np.flatnonzero(band.feet.edge[: band.inner] < 0)
 
     def check(self, solver: str) -> None:
-        """Raise if a factorisation would not fit in memory, or if waves would grow without bound.
-
-        Raises InputError or ResolutionError with the alternatives.
-        """
+        """Raise ResolutionError if ``solver`` is "direct" and exceeds the memory; also raise as :func:`check_waves`."""
         layout = self.tables.layout
         if solver == "direct":  # the memory of other solvers was checked before the tables
             CollocationCost(self.scene, self.options).check_fits(self.size, solver)
@@ -119,17 +116,17 @@ class Collocation(Reader):
     # Equations
 
     def stiffness(self, terms: Terms) -> ExtensionOperator:
-        """Return the operator A of the terms; the conditions are in the ghosts' rows."""
+        """Return the operator A of the ``terms``; the conditions of the tables are in the rows of ghosts."""
         return build_operator(self.tables, terms)
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return f (n, channels) at the unknowns, at ghosts on the side that they continue."""
+        """Return ``f`` (n, channels) at the unknowns and ``time``, at ghosts on the side that they continue."""
         return self.tables.read_sources(f, "the right-hand side f", time)
 
     def condition_load(self, stiffness: Any, time: float | None = None, of: str = "value") -> Floats:
-        """Return the part (n, channels) of the right-hand side that comes from boundary data.
+        """Return the part (n, channels) of the right-hand side that comes from boundary data at ``time``.
 
-        With ``of="laplacian"``, the data are instead those that supports give for v = -Lap u.
+        With ``of="laplacian"``, the data are instead those that supports give for v = -Lap u. ``stiffness`` is A.
         """
         data: Iterable[BoundaryData] = self.tables.data
         if of == "laplacian":  # with the signs that v = -Lap u has
@@ -142,34 +139,35 @@ class Collocation(Reader):
         return spread
 
     def _sum_of(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:
-        """Return the sum (rows, channels) of ``data`` in each row of E."""
+        """Return the sum (rows, channels) of the terms ``data`` at ``time`` in each row of E."""
         return sum_of_data(data, self.tables.extension.shape[0], self.scene.channels, time)
 
     def boundary_mass(self, stiffness: Any) -> BoundaryMass | None:
-        """Return the boundary mass of Steklov conditions; None if there are none."""
+        """Return the boundary mass of Steklov conditions, with A = ``stiffness``; None without such conditions."""
         reads = self.tables.read_in_place_of(Spectral)
         return BoundaryMass(stiffness, reads) if reads.nnz else None
 
     @cached_property
     def state_fluxes(self) -> list[FluxRows]:
-        """The rows of E whose data are nonlinear fluxes."""
+        """The rows of E whose data are nonlinear fluxes, a record for each datum."""
         return find_flux_rows(self.tables)
 
     def linearise(self, seen: Sequence[Floats]) -> Collocation:
-        """Return the form with each nonlinear flux replaced by its tangent at the values (k,) of u in ``seen``."""
+        """Return the form with each of :attr:`state_fluxes` replaced by its tangent at its u (k,) in ``seen``."""
         return replace(self, tables=linearise_fluxes(self.tables, self.state_fluxes, seen))
 
     # Values
 
     def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
-        """Return the values (p, channels) of the unknowns ``u`` at :attr:`points`, or at its ``rows``."""
+        """Return the values (p, channels) of u (n, channels) at :attr:`points`, or (k, channels) at its ``rows``."""
         return u[self._on_manifold if rows is None else self._on_manifold[rows]]
 
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
         """Return the unknowns (n, channels) with ``values`` (p, channels) at the nodes, continued by the conditions.
 
-        Ghosts start from ``start``, or else from the value of the nearest node on the side that they continue: a ghost
-        that is on its boundary reads itself, and keeps that value. Nodes past an edge are continued likewise.
+        Ghosts and nodes past an edge follow from the conditions with data at ``time``. Their iteration starts from
+        ``start`` (n, channels), by default from the nearest node on the side that they continue: a ghost on its
+        boundary reads itself and keeps that value.
         """
         from scipy.spatial import cKDTree
 
@@ -187,7 +185,7 @@ class Collocation(Reader):
         return self._apply_formulas(u, self.tables.datum(time))
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
-        """Return ``function(u, points)`` (n, channels) of the unknowns and the points at which they read sources."""
+        """Return ``function(u, points)`` (n, channels), with the points (n, d) at which the unknowns read sources."""
         return function(u, self.tables.layout.lattice.to_scene(self.tables.sources.points))
 
     def interpolate(
@@ -195,9 +193,11 @@ class Collocation(Reader):
     ) -> Floats:
         """Return ``data`` at the unknowns (n, channels), continued across boundaries and edges by their conditions.
 
-        With a ``step``, the conditions' data are replaced by their difference quotients over the step. Ghosts do not
-        start with the data at their closest points: these would be wrong by the order of the spacing until diffusion
-        over one spacing has corrected them, with very short steps until the end of the run.
+        ``label`` is the data's name in errors. The conditions' data are those at ``time``, or with a ``step`` above
+        zero
+        their difference quotients over it. ``in_range`` is ignored. Ghosts satisfy the conditions, because with the
+        data
+        at their closest points they would be wrong by the order of the spacing.
         """
         datum = self.tables.datum(time)
         if step:
@@ -217,24 +217,18 @@ class Collocation(Reader):
         return continued
 
     def inner(self, u: Floats, v: Floats) -> Floats:
-        """Return the means (k, m) of the products of columns of u (n, k) and v (n, m) over the nodes' closest points.
-
-        They approximate means over the manifold.
-        """
+        """Return means (k, m), over :attr:`points`, of the products of u's columns (n, k) with v's (n, m)."""
         return np.asarray(self.at_points(u).T @ self.at_points(v) / len(self._on_manifold))
 
     # Free constants and means
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the border for components on which u + constant is a solution if u is; None if there is none."""
+        """Return the border of the components where u + constant solves A u = b if u does; None if there is none."""
         border = super().free_constants(stiffness)
         return None if border is None else with_smooth_means(self.tables, border)
 
     def means_without_flux(self) -> csr_array | None:
-        """Return the matrix (k, n) of means over the k components that no flux leaves, None if there is none.
-
-        It is None also at order 1, where means are too inexact.
-        """
+        """Return the means (k, n) over the k components that no flux leaves; None at order 1, or without any."""
         if self.tables.layout.order == 1:
             return None
         count, piece = components_without_flux(self.tables, self.scene)
@@ -243,7 +237,7 @@ class Collocation(Reader):
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
         """Return u (n, channels) with mean zero where a constant is free, and corrected means where there is no flux.
 
-        The imbalances found are returned, too; ``b`` (n, channels) is the right-hand side.
+        ``u`` solves ``operator u = b``, b (n, channels). The imbalances of b and the corrections are returned, too.
         """
         u, defects = super().remove_constants(operator, b, u)
         if isinstance(operator, Bordered):
@@ -254,7 +248,7 @@ class Collocation(Reader):
     # Diagnosis
 
     def warnings(self) -> tuple[str, ...]:
-        """Return the warnings about features of the scene that the spacing does not resolve."""
+        """Return the warnings about the manifold, boundaries and data that the spacing does not resolve."""
         conditions = [
             DataAtPoints(f"the datum of {datum.name}", datum.data, datum.points)
             for datum in self.tables.data
@@ -276,7 +270,7 @@ class Collocation(Reader):
     def diagnosis(
         self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
     ) -> Diagnosis:
-        """Return what is known of the error: its order, reasons for a lower order, and nodes that have twins.
+        """Return the order of the error, reasons for a lower order, and the points of twins; arguments are ignored.
 
         The order is that of the conditions and at most degree - 1 (the error of interpolation is divided by the square
         of the spacing), and 1 where the surface bends too sharply. If parts of different dimension meet, the diagnosis
@@ -292,7 +286,7 @@ class Collocation(Reader):
         )
 
     def work(self, operator: Operator, report: SolveReport | None) -> Work:
-        """Return the sizes of the tables and the number of operations of the solve."""
+        """Return the sizes of the tables, and the solve's operations by its ``report``: zero if that is None."""
         return measure_work(self.tables, operator, report)
 
     # Saved solutions
@@ -310,7 +304,7 @@ class Collocation(Reader):
         }
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays that are saved: options of the lattice, inner nodes, ghosts and their sides."""
+        """Return the saved arrays: each option, inner nodes ``nodes``, ``ghosts`` (g, 2) and their sides ``left``."""
         return {
             **{name: np.array(value) for name, value in self.tables.layout.options.as_dict().items()},
             "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],
@@ -319,9 +313,9 @@ class Collocation(Reader):
         }
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return in words how the nodes and ghosts differ from those in ``saved``, empty if they do not.
+        """Return in words how nodes and ghosts differ from those of the arrays ``saved``; empty if they do not.
 
-        A few ghosts may continue the other side: for nodes on a boundary, rounding decides.
+        Up to 5 percent of the ghosts may continue the other side: for nodes on a boundary, rounding decides.
         """
         band, unknowns = self.tables.layout.band, self.tables.unknowns
         same = np.array_equal(band.nodes[: band.inner], saved["nodes"])
@@ -333,9 +327,9 @@ class Collocation(Reader):
 
 
 def check(scene: Scene, options: Options[CollocationOptions]) -> None:
-    """Raise if the form cannot discretise a term or condition of the scene; called before anything is built.
+    """Raise SceneError, with an alternative, if the form cannot discretise a term or condition of the ``scene``.
 
-    Raises SceneError or InputError with the alternatives.
+    These are tensor or state-dependent diffusivities, edge conditions by position and conservative velocities.
     """
     del options
     if scene.has_tensor:
@@ -357,9 +351,8 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
 
 
 def discretize(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Collocation:
-    """Return the scene discretised by collocation; ``progress`` is called with the stage and its share done.
+    """Return the scene discretised by collocation; ``progress`` is called with stages and the shares of them done.
 
-    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary, a condition or the spacing
-    does not fit.
+    Raises InputError, SceneError or ResolutionError if the origin, a boundary, a condition or the spacing is unfit.
     """
     return Collocation(scene, build_tables(scene, options, progress))

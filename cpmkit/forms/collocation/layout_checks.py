@@ -59,7 +59,8 @@ def check_layout(layout: Layout, scene: Scene) -> None:
 def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None:
     """Raise ResolutionError if no node reads the ghosts of a boundary, which then has no effect.
 
-    A boundary is excepted if another boundary, or the edge, repeats its condition at the same place.
+    ``extension`` (rows, unknowns) is E, ``neighbours`` (unknowns, 2 d) the rows that difference stencils read. A
+    boundary whose condition is repeated at the same place, by another boundary or the edge, is excepted.
     """
     unknowns, nodes, inner = layout.unknowns, len(layout.band.nodes), layout.band.inner
     is_read, is_neighbour = np.zeros(extension.shape[1], dtype=bool), np.zeros(extension.shape[0], dtype=bool)
@@ -74,7 +75,7 @@ def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None
 
 
 def _without_effect(layout: Layout, number: int) -> str:
-    """Return the error message for boundary ``number``, which the lattice does not resolve."""
+    """Return the error message for the boundary with the index ``number``, which the lattice does not resolve."""
     boundary, spacing = layout.boundaries.on_lattice[number], layout.lattice.spacing
     extent = float(np.linalg.norm(np.ptp(boundary.source.bounds, axis=0)))
     middle = place(layout.lattice.to_scene(boundary.samples.mean(axis=0)[None])[0])
@@ -89,7 +90,7 @@ def _without_effect(layout: Layout, number: int) -> str:
 
 
 def _check_fluxes_at_points(layout: Layout) -> None:
-    """Raise if a condition other than Dirichlet is given at a boundary without sides, such as a point of a surface."""
+    """Raise SceneError if a condition other than Dirichlet is given at a boundary without sides, such as a point."""
     for boundary, on_lattice in zip(layout.boundaries.definitions, layout.boundaries.on_lattice, strict=True):
         conditions = map(boundary.condition, SIDES)
         kinds = {condition.kind for condition in conditions if not isinstance(condition.law, Value)}
@@ -103,7 +104,7 @@ def _check_fluxes_at_points(layout: Layout) -> None:
 
 
 def _check_same_place(layout: Layout) -> None:
-    """Raise if two boundaries at the same place have different conditions."""
+    """Raise SceneError if two boundaries at the same place have different conditions."""
     for strip in (one for one in layout.meetings if one.kind == "same place"):
         first, second = (layout.boundaries.definitions[number] for number in strip.boundaries)
         pairs = zip(SIDES, SIDES[::-1] if strip.reversed else SIDES, strict=True)
@@ -115,7 +116,7 @@ def _check_same_place(layout: Layout) -> None:
 
 
 def _check_conductivities(scene: Scene, layout: Layout) -> None:
-    """Raise if a conductivity of a transmission differs from the problem's diffusivity."""
+    """Raise SceneError if a conductivity of a transmission differs from the problem's diffusivity beside it."""
     diffusivity = scene.problem.terms().diffusivity
     for boundary, view in zip(scene.boundaries, layout.boundaries.side_views, strict=True):
         law = boundary.condition("left").law
@@ -127,7 +128,7 @@ def _check_conductivities(scene: Scene, layout: Layout) -> None:
 
 
 def _check_rims(layout: Layout, scene: Scene) -> None:
-    """Raise if a boundary on a rim has another condition than the edge, or one with coupled sides is near a rim."""
+    """Raise SceneError for a condition on a rim unlike the edge's, ResolutionError for coupled sides near a rim."""
     spacing = layout.lattice.spacing
     for strip in (one for one in layout.rims if one.boundaries):
         boundary, edge = layout.boundaries.definitions[strip.boundaries[0]], edge_condition(scene.edge, strip.loop)
@@ -145,7 +146,7 @@ def _check_rims(layout: Layout, scene: Scene) -> None:
 
 
 def _check_gaps(layout: Layout) -> None:
-    """Raise if the narrowest gap between rims is so narrow that stencils bridge it."""
+    """Raise ResolutionError if the narrowest gap between rims is so narrow that stencils bridge it."""
     spacing = layout.lattice.spacing
     for rims in layout.rims:
         if rims.kind == "gap" and rims.size <= BRIDGED_GAP_SPACINGS * spacing:
@@ -157,7 +158,7 @@ def _check_gaps(layout: Layout) -> None:
 
 
 def _check_edges(scene: Scene, layout: Layout) -> None:
-    """Raise if a condition is given for a loop of the edge that has no nodes past it."""
+    """Raise SceneError if a condition is given for a loop of the edge, or an edge, that has no nodes past it."""
     resolved = np.unique(layout.band.feet.edge[layout.band.feet.edge >= 0]).tolist()
     if isinstance(scene.edge, Mapping):
         loops = {whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge}
@@ -177,16 +178,14 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
 
 
 # Waves. A has complex eigenvalues: their imaginary parts are a few percent of the largest eigenvalues for degrees 3 and
-# 5, ten times as much for degrees 2 and 4 (measured on circles and arcs with all conditions). In an undamped scheme
-# such waves grow, by exp(0.01 to 0.05 speed t / spacing) for degree 3. Therefore leapfrog is damped, and the implicit
-# scheme damps the waves that its step does not resolve.
+# 5, ten times as much for degrees 2 and 4. In an undamped scheme such waves grow. Therefore leapfrog is damped, and the
+# implicit scheme damps the waves that its step does not resolve.
 
 
 def check_waves(scene: Scene, layout: Layout) -> None:
-    """Raise if waves would grow without bound.
+    """Raise InputError if a wave problem uses leapfrog with an even degree, under which waves grow without bound.
 
-    Raises InputError if leapfrog is used with an even degree. Raises ResolutionError if the step is too long for
-    leapfrog, or too short for the implicit scheme.
+    Raises ResolutionError if the step is too long for leapfrog, or too short for the implicit scheme.
     """
     if not isinstance(scene.problem, Wave):
         return
@@ -240,9 +239,9 @@ def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:
 
 
 def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
-    """Return the warnings about bends, sheets, rims and boundaries that meet, for a solve at ``spacing``.
+    """Return the warnings about bends, sheets, rims and meeting boundaries of a ``layout``, for a solve at ``spacing``.
 
-    ``spacing`` is smaller than that of the layout where the layout is a coarser one of a dry run.
+    ``spacing`` is smaller than that of the layout if the layout is the coarser one of a dry run.
     """
     names = [boundary.name for boundary in layout.boundaries.definitions]
     places = (one.warning(names, spacing) for one in (*layout.rims, *layout.meetings))

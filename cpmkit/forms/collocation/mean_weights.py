@@ -29,11 +29,9 @@ if TYPE_CHECKING:
 TAIL_SPACINGS = 2.0
 #: Least distance past or from an end, in spacings, that is divided by.
 LEAST_END_DISTANCE_SPACINGS = 1e-6
-#: Nodes past an end may reduce the total weight of a component to this share; below it, on a component hardly wider
-#: than their reach, the mean is taken over the component's own nodes alone.
+#: Nodes past an end may reduce a component's total weight to this share; below it the mean is over its own nodes alone.
 PAST_END_WEIGHT_SHARE = 0.5
-#: Means are corrected where c times the square of the surface's size is below this: there the loss of a flux anywhere
-#: shifts u by a constant.
+#: Means are corrected where c size^2, the surface's size, is below this: there a lost flux shifts u by a constant.
 SMALL_REACTION = 10.0
 #: A mean that was wrong by more than this share of the range of u is reported.
 REPORTED_MEAN_SHARE = 1e-2
@@ -46,8 +44,7 @@ def mean_weights(tables: Discretization) -> Floats:
 
     The weight of a node is a function of its distance from the manifold. Nodes past an edge, and ghosts, continue the
     solution past the end of their component; their weight is also a function of how far past the end they are, so that
-    the end need not be at a node. Without them the mean has an error of first order (a cap, spacing 0.05: 3e-3 of the
-    range, with them 6e-4).
+    the end need not be at a node. Without them the mean has an error of first order.
     """
     bump, beyond = _bumps_and_ends(tables)
     return bump * _tail(beyond)
@@ -66,7 +63,7 @@ def _end_weights(tables: Discretization) -> Floats:
 
 
 def _bumps_and_ends(tables: Discretization) -> tuple[Floats, Floats]:
-    """Return the bump (n,) of each unknown, and how many spacings (n,) it is past the end of its component."""
+    """Return the bump (n,) of each unknown, and how many spacings (n,) it is past its component's end, 0 if inside."""
     band, inner = tables.layout.band, tables.layout.band.inner
     reach = 0.5 * (band.degree + 1) * band.spacing
     offset = (band.positions - band.feet.points)[:inner]
@@ -128,7 +125,7 @@ def _tail(beyond: Floats) -> Floats:
 def means_over(tables: Discretization, count: int, component: Ints) -> tuple[csr_array, Ints, Ints]:
     """Return the matrix (count, n) of means over components, the unknowns (m,) on them, and their components (m,).
 
-    ``component`` (n,) is that of each unknown, -1 for unknowns on none.
+    ``component`` (n,) is that of each unknown, from 0 to ``count`` - 1, or -1 for unknowns on none.
     """
     from scipy.sparse import csr_array
 
@@ -149,7 +146,7 @@ def means_over(tables: Discretization, count: int, component: Ints) -> tuple[csr
 
 
 def with_smooth_means(tables: Discretization, border: Border) -> Border:
-    """Return the ``border`` of free constants with means over the manifold in place of means over the unknowns."""
+    """Return the ``border`` of free constants with means over the manifold in place of plain means over unknowns."""
     component = np.full(tables.unknowns.count, -1)
     indicator = border.indicator.tocoo()
     component[indicator.row] = indicator.col
@@ -159,7 +156,7 @@ def with_smooth_means(tables: Discretization, border: Border) -> Border:
 def describe_imbalances(
     tables: Discretization, scene: Scene, operator: Bordered, imbalances: Iterable[Imbalance]
 ) -> tuple[Imbalance, ...]:
-    """Return the ``imbalances``, one for each piece of the border, with the fields size, explained, and those of place.
+    """Return ``imbalances``, one a piece of the border, with new size, explained, near, share and bounded_by.
 
     The lowest order of the conditions, 1 or 2, decides how large an imbalance the spacing explains.
     """
@@ -177,7 +174,7 @@ def describe_imbalances(
 
 
 def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Floats:
-    """Return the mean absolute value (pieces, channels) of f plus that of the fluxes through ends, by piece."""
+    """Return, by piece, the mean absolute value (pieces, channels) of f plus that of the fluxes through its ends."""
     indicator, stiffness = operator.border.indicator, cast("ExtensionOperator", operator.operator)
     f = np.abs(tables.read_sources(scene.problem.terms().f, "the right-hand side f"))
     fluxes = np.abs(tables.datum()[tables.unknowns.row_of_unknown])
@@ -190,7 +187,7 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
 
 
 def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, Any]:
-    """Return the fields near, share, bounded_by of the imbalance of a component with sorted unknowns ``members``."""
+    """Return the fields near, share, bounded_by of an imbalance on the component with sorted unknowns ``members``."""
     layout = tables.layout
     nodes = members[: np.searchsorted(members, layout.band.inner)]
     middle = layout.band.feet.points[nodes[[len(nodes) // 2]]]
@@ -214,7 +211,7 @@ def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, 
 
 
 def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
-    """Return the number of components that no flux leaves, and the component (n,) of each unknown, -1 on others.
+    """Return the number of components that no flux leaves, and each unknown's component (n,), -1 on other ones.
 
     If any boundary has ghosts there are none; otherwise they are the components whose edges all have zero flux, and
     those without edges.

@@ -48,7 +48,7 @@ class FluxRows:
         return self.law.guess
 
     def read(self, values: Floats) -> Floats:
-        """Return u (k,) at the datum's points, from the ``values`` (unknowns, 1)."""
+        """Return u (k,) at :attr:`points`, interpolated from its ``values`` (unknowns, 1) at the unknowns."""
         return np.asarray((self.reads @ values)[self.datum.rows, 0])
 
     def grows(self, values: Floats) -> bool:
@@ -66,7 +66,7 @@ def find_flux_rows(tables: Discretization) -> list[FluxRows]:
 
 
 def _flux_rows(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> FluxRows:
-    """Return the rows of E of a nonlinear flux, with the matrices that read u at its points."""
+    """Return the rows of E with the data ``datum`` of a nonlinear flux ``law``, and the matrices that read u there."""
     from scipy.sparse import diags_array
 
     layout, rows = tables.layout, datum.rows
@@ -91,8 +91,7 @@ def _known_values(values: Floats, _points: Floats) -> Floats:
 def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: Sequence[Floats]) -> Discretization:
     """Return the tables with each flux replaced by its tangent ``du/db = j(v) + j'(v) (u - v)``.
 
-    ``seen`` gives the values v (k,) of u at each flux's points. A flux that does not depend on u remains a Neumann
-    condition, and fixes no constant.
+    ``seen`` gives the values v (k,) of u at each flux's points. A flux that does not change with u stays a Neumann law.
 
     Raises ResolutionError if a flux grows with u so strongly that the spacing is too coarse.
     """
@@ -115,10 +114,7 @@ def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: S
 
 
 def _divisor(flux: FluxRows, slope: Floats, spacing: float) -> Floats:
-    """Return ``1 - F0 slope`` (k,), by which the rows of a linearised flux are divided.
-
-    Raises ResolutionError if it is not positive: the flux grows with u so strongly that the spacing is too coarse.
-    """
+    """Return ``1 - F0 slope`` (k,), the divisors of a linearised flux's rows; raise ResolutionError if any is <= 0."""
     growth = flux.half * flux.datum.factor * slope
     worst = int(growth.argmax()) if len(growth) else -1
     if worst >= 0 and growth[worst] >= 1:

@@ -13,10 +13,7 @@ from cpmkit.scene.conditions import check_order
 
 
 def check_sheets(sheets: Any, what: str) -> bool:
-    """Return ``sheets``, whether sheets are separated, if it is true or false; ``what`` is its name in the error.
-
-    Raises InputError if it is neither true nor false.
-    """
+    """Return ``sheets`` if it is True or False, else raise an InputError, which calls the option ``what``."""
     if isinstance(sheets, bool):
         return sheets
     instead = '; use form="galerkin", which needs no unfolding' if sheets == "unfolded" else ""
@@ -24,7 +21,7 @@ def check_sheets(sheets: Any, what: str) -> bool:
 
 
 def refuse_removed(names: Iterable[str]) -> None:
-    """Raise if ``names`` contain an option that only former releases had. Raises InputError with the replacement."""
+    """Raise an InputError, with the replacement, if the option "balance" of former releases is among ``names``."""
     if "balance" in names:
         raise InputError(
             'there is no option `balance` any more: use form="galerkin", in which fluxes balance by construction, and '

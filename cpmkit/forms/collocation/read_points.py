@@ -53,13 +53,19 @@ class Reader(Discretized):
         return reading_radius(band.dim, band.degree) * band.spacing
 
     def rows(self, points: Any, side: Sides = None) -> csr_array:
-        """Return the matrix (k, unknowns) that interpolates at the manifold's points nearest to ``points`` (k, d)."""
+        """Return the matrix (k, unknowns) that interpolates at the manifold's points nearest to ``points`` (k, d).
+
+        Points on a boundary are read from its ``side``, for all or by name. Raises as :meth:`checked_closest_points`.
+        """
         feet = self.checked_closest_points(self.to_local_points(points))
         centres = Centres.of_points(feet, self.side_views(feet.points, self.side_numbers(side)))
         return extend(self.tables.unknowns, feet.points, centres)
 
     def gradient(self, values: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the surface gradient (k, channels, d) of ``values`` at points (k, d), by default :attr:`points`."""
+        """Return the gradient (k, channels, d) of ``values`` (unknowns, channels) at points (k, d), or the form's.
+
+        Points on a boundary are read from its ``side``, for all or by name. Raises as :meth:`checked_closest_points`.
+        """
         points = self.points if points is None else points
         return surface_gradient(self, values, self.to_local_points(points), self.side_numbers(side))
 
@@ -68,8 +74,8 @@ class Reader(Discretized):
     ) -> Floats:
         """Return du/db (k, channels) at points (k, d) near a ``side`` of a boundary, or near the edge without these.
 
-        The conormal b points out of ``side``: it is -v on the left and +v on the right, where v points to the left; at
-        the edge it points outwards. Raises InputError if a point is too far from the manifold.
+        ``values`` (unknowns, channels) are u. The conormal b points out of ``side``: it is -v on the left and +v on the
+        right, where v points to the left; at the edge it points outwards. Raises as :meth:`checked_closest_points`.
         """
         surface, local = self.tables.layout.surface, self.to_local_points(points)
         if boundary is None or side is None:
@@ -116,7 +122,7 @@ class Reader(Discretized):
         return feet
 
     def side_views(self, local: Floats, sides: Mapping[int, Side]) -> list[SideView]:
-        """Return for each boundary the distances and sides of points ``local`` (k, d) of the manifold near it.
+        """Return for each boundary distances and sides of the points ``local`` (k, d), on the manifold, near it.
 
         Points on boundary k count to the side ``sides[k]``, if given.
         """
@@ -132,7 +138,7 @@ class Reader(Discretized):
         return views
 
     def to_local_points(self, points: Any) -> Floats:
-        """Return ``points`` (k, d), checked, relative to the lattice's origin."""
+        """Return ``points`` (k, d), checked for shape and finite numbers, relative to the lattice's origin."""
         return self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim))
 
     def side_numbers(self, side: Sides) -> dict[int, Side]:
@@ -144,8 +150,7 @@ class Reader(Discretized):
 
 #: Number of points at which the gradient is computed at a time, so that their weights need little memory.
 GRADIENT_CHUNK_POINTS = 8192
-#: Distances, in spacings, from which the gradient is extrapolated. From 2 on the bend still affects it, on an arc at
-#: spacing 0.006 three times as much as from 2.5 on; from 3 on it is three times as far off at spacing 0.05.
+#: Distances, in spacings, from which the gradient is extrapolated; from 2 on bends affect it, from 3 on it is worse.
 CONTINUATION_DISTANCES_SPACINGS = (2.5, 3.5, 4.5)
 #: A sample may be used if its distance from all bends is at least the first distance, less this share.
 INSIDE_SLACK_SHARE = 0.1
@@ -155,16 +160,15 @@ INSIDE_SLACK_SHARE = 0.1
 # interpolant of the band's values; its part along the normal, a discretisation error, is removed by projection.
 #
 # A ghost of a Dirichlet condition continues the solution linearly, so that second derivatives of the interpolant jump
-# at the boundary (a bend), and its gradient is of first order only. The values are of second order up to the boundary,
-# and so is the gradient where stencils hardly reach a ghost. There the gradient is computed at three distances, and a
-# parabola in the distance extrapolates it to the boundary.
+# at the boundary (a bend), and its gradient is of first order only; where stencils hardly reach a ghost, of second.
+# There the gradient is computed at three distances, and a parabola in the distance extrapolates it to the boundary.
 
 
 def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mapping[int, Side]) -> Floats:
-    """Return the gradient (n, channels, d) at the points of the manifold nearest to ``local`` (n, d).
+    """Return the tangential gradient (n, channels, d) of a solution at the manifold's points nearest to ``local``.
 
     ``reader``: the discretised scene.
-    ``values`` (unknowns, channels): the solution.
+    ``values`` (unknowns, channels): the solution's unknowns.
     ``local`` (n, d): points relative to the lattice's origin.
     ``sides``: the side from which points on a boundary are read, by the boundary's number.
 
@@ -223,7 +227,7 @@ class Bends(Rows):
 
 
 def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
-    """Return, for each boundary, the points of the batch that are on a side with a Dirichlet condition."""
+    """Return, for each boundary, the bends at the points near it that are on a side with a Dirichlet condition."""
     bends = []
     for boundary, view in zip(reader.scene.boundaries, side_views, strict=True):
         on_left = view.signed >= 0
@@ -282,7 +286,7 @@ def _samples_inside(
 def _usable_samples(
     reader: Reader, samples: ClosestPoints, side_views: Sequence[SideView], rows: Ints, sides: Mapping[int, Side]
 ) -> Bools:
-    """Return which samples (m,) are no edge points, on the sides of their points ``rows`` (m,), and far from bends."""
+    """Return whether (m,) each sample is off edges, on the side of its point in ``rows`` (m,), and far from bends."""
     usable: Bools = samples.edge < 0
     sample_views = reader.side_views(samples.points, sides)
     for at_point, at_sample in zip(side_views, sample_views, strict=True):

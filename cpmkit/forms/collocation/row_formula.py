@@ -51,7 +51,7 @@ class BoundaryData:
 
 
 def sum_of_data(data: Iterable[BoundaryData], rows: int, channels: int, time: float | None = None) -> Floats:
-    """Return the sum (rows, channels) of the terms ``data`` of boundaries in each of ``rows`` rows, at ``time``."""
+    """Return the sum (rows, channels) of the terms ``data`` at ``time`` in each of ``rows`` rows, 0 without terms."""
     total = np.zeros((rows, channels))
     for datum in data:
         values = evaluate_data(datum.data, datum.points, channels, datum.name, time)
@@ -73,7 +73,7 @@ class ExtraPoint:
     feet: ClosestPoints | None = None
 
     def renumber(self, numbers: Ints) -> ExtraPoint:
-        """Return the points with row k renumbered to ``numbers[k]``, rows with -1 dropped, without side views."""
+        """Return the points, without side views, with row k renumbered to ``numbers[k]``; rows with -1 are dropped."""
         chosen = numbers[self.rows] >= 0
         feet = None if self.feet is None else self.feet.take(chosen)
         return ExtraPoint(numbers[self.rows[chosen]], self.points[chosen], self.coefficient[chosen], feet=feet)

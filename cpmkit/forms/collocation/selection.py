@@ -49,7 +49,7 @@ class Centres:
         return cls((), np.full(len(nodes), -1), band.feet.take(nodes), n)
 
     def take(self, rows: Ints) -> Centres:
-        """Return the centres of the stencils ``rows`` (ascending), renumbered from zero."""
+        """Return the centres of the stencils ``rows`` (k,), ascending, renumbered from zero, with their side views."""
         side_views = []
         for view in self.side_views:
             position = np.searchsorted(rows, view.rows)
@@ -159,7 +159,7 @@ class Unknowns:
         return selected
 
     def _on_own_sheet(self, centres: Centres, columns: Ints, readable: int) -> Ints:
-        """Return the nodes (n, s) of stencils; a node of another sheet is replaced by its twin (below ``readable``)."""
+        """Return ``columns`` (n, s) with nodes of other sheets replaced by their twins, numbered below ``readable``."""
         sheets = self.band.sheets
         if sheets is None:
             return columns

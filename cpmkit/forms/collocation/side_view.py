@@ -57,7 +57,7 @@ class SideView(Rows):
 def points_near(source: LocalSource, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
     """Return the numbers (k,) of ``points`` (n, d) within ``radius`` of a boundary's source, and their closest points.
 
-    Closest points of blocks are computed first, and those of single points only where the block is near enough.
+    Only points in blocks, of four ``spacing`` a side, whose centres are near enough are queried.
     """
     side = BLOCK_SPACINGS * spacing
     blocks, member = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
@@ -109,7 +109,8 @@ class BoundaryOnLattice:
         """Return the distances and sides of those ``points`` (n, d) of the surface within ``radius`` of the boundary.
 
         Points up to twice the gap farther may be among them. Where several sheets share a band, only points with a part
-        of the boundary on their own sheet and a clear side are; the nearest such part counts.
+        of the boundary on their own sheet and a clear side are; the nearest such part counts. Conormals and ends are
+        found by differences over half of ``spacing``.
         """
         rows, feet = points_near(self.source, points, radius + self.gap, spacing)
         walked = None
@@ -130,11 +131,8 @@ class BoundaryOnLattice:
             signed = np.where(unclear, np.sum(walked * left, axis=1), signed)
         signed = np.where(np.abs(signed) < ON_BOUNDARY_SPACINGS * spacing, ON_BOUNDARY_SPACINGS * spacing, signed)
         # Where left is known by sign all along the boundary, D is one vector for all points times (z - y) . v, so that
-        # only its sign counts. Differs from King et al. (2024), section 4.2, and from D = ((z - y) . v) n, which
-        # compare vectors at two points: where the normals there differ by more than a right angle (a tube two spacings
-        # thick, a steep ridge under a curve, a bare sphere at a spacing of a fifth of its radius) points of one side
-        # would count as on opposite sides, and values leak across the curve. D = ((z - y) . v) v is used where v
-        # changes sign.
+        # only its sign counts. King et al. (2024), section 4.2, compare vectors at two points: where the normals there
+        # differ by more than a right angle, values leak across the curve. D = ((z - y) . v) v where v changes sign.
         director = signed[:, None] * (np.eye(self.surface.dim)[0] if self.oriented.left.known else left)
         end = self.oriented.open_ends(feet, on, 0.5 * spacing)
         view = SideView(rows, on.points, end, distance, signed, left, director)
@@ -144,13 +142,12 @@ class BoundaryOnLattice:
         return view.take(clear | (distance <= NEAR_BOUNDARY_SPACINGS * spacing))
 
     def _from_point(self, on_surface: ClosestPoints, offset: Floats, spacing: float) -> Floats:
-        """Return the directors T (z - y) (n, d) of a boundary at a point of a surface, T the tangential projection.
+        """Return the directors T (z - y) (n, d) of a boundary that is a point y, T the tangential projection at y.
 
+        ``offset`` (n, d) are z - y, ``on_surface`` the records of y. Where z is y, the director is a tiny vector along
+        a
+        fixed tangent, so that stencils cross the point there too: a whole line of nodes may have this closest point.
         King et al. (2024), section 4.5 and eq. 17 without the tangent.
-        Where z is the point itself, the director is a tiny vector along a fixed tangent, so that stencils
-        cross the point there too. (Differs from "zero means no crossing": on a lattice with a node above the
-        point, a whole line of nodes then has its closest point there and the condition affects none of them; a pin
-        of 1 at the pole of a sphere, a ring of 0.1 elsewhere, read 0.06 at spacing 0.05 instead of 0.9.)
         """
         director = project_tangent(self.surface, on_surface, offset, 0.5 * spacing)
         touching = np.linalg.norm(director, axis=1) < ON_BOUNDARY_SPACINGS * spacing
@@ -169,8 +166,7 @@ class BoundariesOnBand:
     definitions: Sequence[Boundary]  #: Their names and conditions, as the scene gives them.
     on_lattice: Sequence[BoundaryOnLattice]  #: The boundaries on the lattice.
     side_views: Sequence[SideView]  #: For each boundary, the distances and sides of the band's nodes near it.
-    #: (k,): the nodes past an edge that read their closest points, because a boundary separates them from their mirror
-    #: points.
+    #: (k,): the nodes past an edge that read their closest points, as a boundary separates them from mirror points.
     behind: Ints
     diffusivity: Data = 1.0  #: The diffusivity of the problem.
 
@@ -192,8 +188,7 @@ def put_on_lattice(
     ``surface``: the manifold.
     ``lattice``: origin and spacing.
     ``radius``: largest distance of the boundary from the surface: the radius of the tube.
-    ``oriented``: :meth:`cpmkit.Scene.oriented`, which returns the orientation of a boundary and caches it. It is called
-        after the other checks.
+    ``oriented``: :meth:`cpmkit.Scene.oriented`, which returns a boundary's orientation and caches it; called last.
     ``sheets``: given where the manifold has several sheets in one band.
     """
     source = localize(boundary.source, lattice.origin)

@@ -1,8 +1,7 @@
 """Separation of the sheets of a surface: the twins of a band's nodes.
 
 Twins are needed where stencils contain nodes whose closest points are on another sheet than the stencil's centre.
-Closest points and further feet are computed only near places where closest points of neighbouring nodes are on
-different sheets.
+Further feet are computed only near places where closest points of neighbouring nodes are on different sheets.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ class Sites(Rows):
     unknown: Bools  #: (m,): whether interpolation stencils read the site.
 
     def sheets(self, source: LocalSource, band: Band) -> Sheets:
-        """Return the sites as the twins of a band."""
+        """Return the twins of the ``band`` among the sites, for choosing stencils; its list ``mixed`` is empty."""
         first, twins = _twins_by_site(self.base, np.arange(len(band.nodes), len(self)))
         return Sheets(source, band.spacing, self.feet, self.normals, first, twins, np.zeros(0, dtype=np.int64))
 
@@ -80,7 +79,7 @@ def separate_sheets(source: LocalSource, band: Band) -> Band:
 
 
 def nodes_between_sheets(band: Band) -> Bools:
-    """Return which nodes (n,) have a neighbour whose closest point is above or below their own, along a normal."""
+    """Return whether (n,) each node has a neighbour whose foot is above or below its own along one's normal."""
     h, flagged = band.spacing, np.zeros(len(band.nodes), dtype=bool)
     directions = foot_directions(band)
     normal = np.where((directions.length > ON_FOOT_SPACINGS * h)[:, None], directions.unit, 0.0)
@@ -96,7 +95,7 @@ def nodes_between_sheets(band: Band) -> Bools:
 
 
 def _sites_near(band: Band, flagged: Bools) -> Ints:
-    """Return the sites whose interpolation or difference stencils may contain a ``flagged`` (n,) node."""
+    """Return the nodes (k,) whose interpolation or difference stencils may contain one of the ``flagged`` (n,)."""
     nodes = band.nodes[np.flatnonzero(flagged[: band.inner])]
     around = (nodes[:, None] - tensor_offsets(band.degree, band.dim)).reshape(-1, band.dim)
     cells = np.unique(band.codes.encode(around))
@@ -109,7 +108,7 @@ def _sites_near(band: Band, flagged: Bools) -> Ints:
 
 
 def find_missing(source: LocalSource, band: Band, sites: Sites, queue: Ints) -> MissingSites:
-    """Return the nodes for which stencils of the sites ``queue`` have no site on their own sheet.
+    """Return the nodes for which stencils of the sites ``queue`` (q,) have no site on their own sheet.
 
     The stencils are the interpolation stencils of all these sites, and the difference stencils of those with unknowns.
     """
@@ -174,14 +173,14 @@ def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missin
 def _twins_by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
     """Return the first index (m + 1,) of each site's twins in a list sorted by site, and this list of the ``twins``.
 
-    Twin t belongs to site ``base[t]``.
+    Twin t belongs to site ``base[t]``; ``base`` is (m,).
     """
     twins = twins[np.argsort(base[twins], kind="stable")]
     return np.searchsorted(base[twins], np.arange(len(base) + 1)).astype(np.int64), twins
 
 
 def _band_with_twins(source: LocalSource, band: Band, sites: Sites, mixed: Ints) -> Band:
-    """Return the band with the twins: unknown twins after the inner nodes, other twins after the outer nodes."""
+    """Return the band with the twins: unknown twins after the inner nodes, others last; ``mixed`` are sites (k,)."""
     count = len(band.nodes)
     later = np.arange(count, len(sites))
     order = np.concatenate(

@@ -35,8 +35,7 @@ BRIDGED_GAP_SPACINGS = 1.5
 #: Hardly any value leaks across a gap of this many spacings: a spacing of the gap over this number resolves it. Rims
 #: that face each other along as many spacings form a slit, not the tip of a notch or a small hole.
 WIDE_GAP_SPACINGS = 6.0
-#: Boundaries nearer to each other or to a rim than this many spacings, for curves at this many points, are at the same
-#: place.
+#: Boundaries nearer to each other or a rim than this many spacings, for curves at so many points, are at one place.
 SAME_PLACE_SPACINGS, SAME_PLACE_SAMPLES = 1e-3, 3
 #: Data that differ by more than this share of their size are different.
 DIFFERENT_DATA_SHARE = 1e-6
@@ -56,8 +55,7 @@ class UnresolvedPlace:
     kind: str
     boundaries: tuple[int, ...]  #: Numbers of the boundaries.
     point: Floats  #: (d,): the place, in the scene's coordinates.
-    #: Width of a strip or gap, distance of flanks; for a crossing the largest difference of the two boundaries' values
-    #: in one sector.
+    #: Width of a strip or gap, distance of flanks; for a crossing the largest difference of the boundaries' values.
     size: float
     more: int = 0  #: Number of further tips of the boundary, or of further pairs that cross.
     reversed: bool = False  #: Whether the left of the first boundary is the right of the second.
@@ -114,9 +112,10 @@ class UnresolvedPlace:
 def find_meetings(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
 ) -> list[UnresolvedPlace]:
-    """Return the first crossing with different data, and all strips, of the pairs of boundaries with sides.
+    """Return the first crossing with different values, and all strips and common places, of pairs of boundaries.
 
-    Data of ``channels`` channels are compared at ``time``. The crossing has the number of further pairs that cross.
+    Data of ``channels`` channels are compared at ``time``, None for problems without time. The crossing has the number
+    of further pairs that cross. Boundaries without sides are left out.
     """
     crossings: list[UnresolvedPlace] = []
     strips: list[UnresolvedPlace] = []
@@ -153,7 +152,7 @@ def find_meetings(
 
 
 def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float) -> Floats | None:
-    """Return the point (d,) where a boundary crosses another; None if it does not.
+    """Return the point (d,), relative to the lattice's origin, where a boundary crosses another; None if it does not.
 
     ``feet`` (n, d) are points of the first, ``signed`` (n,) their signed distances from the second. A point on both
     boundaries counts to both sides, unless they are ``aligned`` (n,) there.
@@ -193,7 +192,7 @@ def _largest_jump(first: Boundary, second: Boundary, point: Floats, channels: in
 def find_mixed_sides(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
 ) -> list[UnresolvedPlace]:
-    """Return the places where stencils mix the sides of a boundary that has different conditions on them."""
+    """Return the tips and flanks where stencils mix sides with different conditions; data are read at ``time``."""
     places: list[UnresolvedPlace] = []
     for number, (boundary, on_lattice) in enumerate(zip(boundaries.definitions, boundaries.on_lattice, strict=True)):
         alike = same_condition(boundary.condition("left"), boundary.condition("right"))

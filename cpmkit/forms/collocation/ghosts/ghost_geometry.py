@@ -29,7 +29,7 @@ LEAST_INSIDE_SHARE = 0.75
 
 
 def mirror_distance(law: Law, t: Floats, spacing: float) -> Floats:
-    """Return how far (n,) beyond the boundary a ghost of order 2 at distance ``t`` (n,) from it reads u."""
+    """Return how far (n,) beyond the boundary a ghost of order 2 reads u: its own distance ``t`` (n,), or more."""
     return np.maximum(t, 0.5 * spacing) if isinstance(law, Value) else t
 
 
@@ -72,7 +72,7 @@ def coefficient_and_factor(
 def checked_beta(law: OneSided, kind: str, points: Floats, label: str) -> Floats:
     """Return beta (n,) of the ``law`` of a condition of this ``kind`` at ``points`` (n, d) of a boundary or edge.
 
-    Raises InputError if the law is mixed and beta is zero at all points.
+    Raises InputError, naming it ``label``, if the law is mixed and beta is zero at all points.
     """
     beta = beta_at(law, points, label)
     if isinstance(law, Mixed) and len(points) and not beta.any():
@@ -122,7 +122,7 @@ class GhostGeometry:
 
     @cached_property
     def _ahead(self) -> Floats:
-        """(g,) how far beyond the boundary ghosts of order 2 read u."""
+        """(g,) the distances beyond the boundary at which ghosts of order 2 read u."""
         ahead = np.empty(len(self))
         for condition, rows in self.sides():
             ahead[rows] = mirror_distance(condition.law, self.seen.distance[rows], self.spacing)
@@ -137,7 +137,7 @@ class GhostGeometry:
 
     @cached_property
     def is_hidden(self) -> Bools:
-        """(g,) whether the mirror point is beyond another boundary."""
+        """(g,) whether the ghost's mirror point is beyond another boundary."""
         reach = 2 * float(self._ahead.max(initial=0.0))
         return beyond_another(self, np.arange(len(self)), self.mirror.points, reach)
 
@@ -146,10 +146,7 @@ class GhostGeometry:
         return self.lattice.to_scene(self.seen.foot[rows])
 
     def sides(self) -> list[tuple[Condition, Ints]]:
-        """Return each condition with the numbers (k,) of the ghosts that continue its side.
-
-        A node on the right has a ghost that continues the left.
-        """
+        """Return each condition, or the common one, with the numbers (k,) of the ghosts that continue its side."""
         boundary = self.boundaries.definitions[self.index]
         left, right = boundary.condition("left"), boundary.condition("right")
         if same_condition(left, right):
@@ -159,8 +156,8 @@ class GhostGeometry:
     def side_views(self, rows: Ints, points: Floats, radius: float, own_side: bool = False) -> list[SideView]:
         """Return for each boundary the distances and sides of ``points`` (k, d) that the ghosts ``rows`` (k,) read.
 
-        For the ghosts' own boundary the points count to the side that they continue, or with ``own_side`` to their
-        node's.
+        Those within ``radius`` of the boundary are returned. For the ghosts' own boundary all count to the side that
+        they continue, or with ``own_side`` to their node's.
         """
         seen, sign = self.seen.take(rows), 1.0 if own_side else -1.0
         own = replace(seen, rows=np.arange(len(rows)), director=sign * seen.director, signed=sign * seen.signed)
@@ -176,12 +173,11 @@ class GhostGeometry:
 
 
 def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: float) -> Bools:
-    """Return which ``points`` (k, d), read by the ghosts ``rows`` (k,), are beyond another boundary than the ghosts'.
+    """Return whether (k,) the ``points`` (k, d) that ghosts ``rows`` (k,) read are beyond another boundary than theirs.
 
     Boundaries farther than ``reach`` from a point do not count for it, nor do those that are points on a surface: the
-    solution is continuous around them. Nor does a boundary that starts at this one (on the sphere, an arc and a point
-    at its end, spacing 0.05: error 6e-4, and 3.6e-3 if such ghosts were of order 1), nor one that meets this one at an
-    angle and has one value on both sides (an arc that ends on a circle, spacing 0.1: error 3e-3 instead of 1.5e-2).
+    solution is continuous around them. Nor does a boundary that starts at this one, nor one that meets this one at an
+    angle and has one value on both sides: there ghosts of order 1 would have several times the error.
     """
     foot, beyond, spacing = geometry.seen.foot[rows], np.zeros(len(rows), dtype=bool), geometry.spacing
     for boundary, other in zip(geometry.boundaries.definitions, geometry.boundaries.on_lattice, strict=True):
@@ -201,9 +197,8 @@ def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: f
     return beyond
 
 
-# Data that jump across a boundary. A curve given by points, or snapped to a mesh, is off the place where a formula
-# jumps, by a share of the spacing. Nearer than that the value may be that of either side, so data are read at points
-# farther inside and extrapolated to the boundary.
+# Data that jump across a boundary. A curve given by points, or snapped to a mesh, is a share of the spacing off the
+# place where a formula jumps: data are read at points farther inside and extrapolated to the boundary.
 
 
 def ghost_sources(geometry: GhostGeometry) -> RowFormula:
@@ -248,8 +243,8 @@ def points_inside(
 ) -> tuple[list[ClosestPoints], Bools]:
     """Return a list of n points one ``step`` from each foot and n two steps from it, and whether (n,) both exist.
 
-    Data are read at these points of the surface. ``foot`` (n, d) are points of a boundary, ``direction`` (n, d) unit
-    vectors, ``start`` the surface's records of the feet, given where several sheets share the band.
+    A point exists if no edge or fold is nearer. ``foot`` (n, d) are points of a boundary, ``direction`` (n, d) unit
+    vectors, ``start`` the surface's records of the feet, None unless several sheets share the band.
     """
     points, complete = [], np.ones(len(foot), dtype=bool)
     for k in (1, 2):

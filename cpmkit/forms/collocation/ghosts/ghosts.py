@@ -80,7 +80,8 @@ def build_ghosts(
     """Return the ghosts of boundary ``index`` for conditions of this ``order``.
 
     A node has a ghost if it is within the reach of a stencil from the boundary, and the boundary's point nearest to its
-    closest point is no open end. ``mirrored`` is the formula of the band's nodes, which read one point each.
+    closest point is no open end. ``mirrored`` is the formula of the band's nodes, which read one point each. Raises
+    InputError or ResolutionError as :func:`checked_beta` and :func:`coefficient_and_factor` do.
     """
     geometry, unknowns = _geometry(index, boundaries, band, lattice, mirrored)
     rows, own_terms, coupled, orders, at_one_point = ghost_formula(geometry, order)
@@ -138,7 +139,7 @@ def _directions(side_view: SideView, foot_point: Floats, spacing: float) -> Floa
 
 
 def _with_edge_formula(ghosts: RowFormula, mirrored: RowFormula, geometry: GhostGeometry) -> RowFormula:
-    """Return the formulas of the ghosts, combined with that of the edge for nodes past an edge.
+    """Return the formulas of the ``ghosts``, combined with ``mirrored``, of all band nodes, at nodes past an edge.
 
     Ghosts whose boundary separates them from the edge keep their own formula.
     """

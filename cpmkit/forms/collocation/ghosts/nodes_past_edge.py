@@ -61,8 +61,7 @@ class RimCorners:
     rows: Ints  #: (k,): numbers of the nodes.
     points: Floats  #: (k, s, d): for each of the s sides of the corner, a point of the rim on it.
     loops: Ints  #: (k, s): the loops of the edge that these points are on.
-    #: (k, s): how far the node is beyond each side: these times the conormals there sum up to its offset from the
-    #: corner.
+    #: (k, s): how far the node is beyond each side: times the conormals they sum up to its offset from the corner.
     beyond: Floats
 
     def take(self, chosen: Bools) -> RimCorners:
@@ -92,7 +91,7 @@ def rim_corners(
 def _corners(
     surface: LocalSource, feet: ClosestPoints, beyond: Floats, outward: Floats, spacing: float, rows: Ints
 ) -> RimCorners:
-    """Return the corners among ``feet`` on parts of one dimension, whose nodes have the numbers ``rows``."""
+    """Return the corners among the k ``feet``, on parts of one dimension, of the nodes ``rows`` (k,)."""
     reach = BESIDE_SPACINGS * spacing
     directions = _along_rim(surface, feet, outward, spacing)
     places = feet.points[:, None] + reach * (directions + NEAR_CORNER_SHARE * outward[:, None])
@@ -172,7 +171,10 @@ def _mirror(
     first_order: Bools,
     rows: Ints,
 ) -> RowFormula:
-    """Return the formulas of the k nodes ``rows`` past a loop of the edge; ``first_order`` (k,) marks order 1."""
+    """Return the formulas of the nodes ``rows`` (k,) past a loop of the edge with the condition's ``law``.
+
+    ``edge`` are the conditions of all loops; ``first_order`` (k,) marks nodes that read their closest points.
+    """
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     feet, mirrored = band.feet.take(rows), np.flatnonzero(~first_order)
 
@@ -221,7 +223,7 @@ def _corners_of_fluxes(corners: Sequence[RimCorners], edge: EdgeConditions, law:
 def _data_beside_corners(
     datum: BoundaryData, corners: Sequence[RimCorners], edge: EdgeConditions, t: Floats, lattice: Lattice
 ) -> list[BoundaryData]:
-    """Return the terms of a flux; nodes at corners read it on each side, weighted by how far they are beyond it.
+    """Return the terms of a flux ``datum``; nodes at corners read it on each side, in proportion to their distance.
 
     ``t`` (n,) is the distance of each node past the edge.
     """
@@ -240,7 +242,7 @@ def _data_beside_corners(
 def _exact_conormals(
     surface: LocalSource, edge: ClosestPoints, conormals: Floats, beyond: Floats, spacing: float
 ) -> Floats:
-    """Return the outward conormals (n, d); on solids they are the exact directions from closest points to nodes."""
+    """Return the outward ``conormals`` (n, d), on solids replaced by the directions of ``beyond`` (n, d) to nodes."""
     straight = surface.dimensions_at(edge) == surface.dim
     straight &= np.linalg.norm(beyond, axis=1) > ON_BOUNDARY_SPACINGS * spacing
     outward = conormals.copy()
@@ -254,7 +256,10 @@ def _exact_conormals(
 def separated_from_mirrors(
     boundaries: Sequence[BoundaryOnLattice], band: Band, past: RowFormula, radius: float
 ) -> Ints:
-    """Return the nodes (k,) past an edge that a boundary separates from their mirror points."""
+    """Return the nodes (k,) past an edge that a boundary separates from their mirror points, the points of ``past``.
+
+    ``past`` is the formula of the band's nodes; boundaries farther than ``radius`` from a point are left out.
+    """
     nodes = np.flatnonzero((band.feet.edge >= 0) & (past.points != band.feet.points).any(axis=1))
     separated = np.zeros(len(nodes), dtype=bool)
     for boundary in boundaries:

@@ -73,10 +73,9 @@ def second_order_ghosts(geometry: GhostGeometry, law: Interface, rows: Ints) -> 
 
 
 def _points_beside(geometry: GhostGeometry, rows: Ints, sign: float) -> tuple[list[ClosestPoints], Bools]:
-    """Return the points at one and two spacings beyond the boundary from the ghosts ``rows``, or on their own side.
+    """Return the points one and two spacings from the boundary, and whether (k,) the ghosts ``rows`` may read both.
 
-    ``sign`` is 1 beyond the boundary and -1 on the ghosts' own side. Whether (k,) the ghosts may read both is also
-    returned.
+    ``sign`` is 1 for points beyond the boundary and -1 for those on the ghosts' own side.
     """
     boundary, spacing = geometry.boundary, geometry.spacing
     start = None if geometry.start is None else geometry.start.take(rows)
@@ -105,7 +104,7 @@ def first_order_ghosts(
 
 
 def _data(geometry: GhostGeometry, law: Interface, rows: Ints, jump: Floats, flux: Floats) -> list[BoundaryData]:
-    """Return the data of the jump and of the flux in the ghosts ``rows`` (k,), with these factors (k,)."""
+    """Return the data of jump and flux of ``law`` in the ghosts ``rows`` (k,); their factors are ``jump``, ``flux``."""
     points = geometry.at_boundary(rows)
     return [
         BoundaryData(rows, jump, points, law.jump, geometry.name, law, "jump"),
@@ -120,8 +119,8 @@ def first_order_weights(
 
     Values and slopes at the boundary are replaced by means and differences of the four values at a ghost's node and its
     mirror point, a distance ``s`` (n,) apart, two of which are ghosts. ``k_own`` and ``k_beyond`` (n,) are the
-    conductivities on the node's own side and on the side that the ghost continues. Where the second derivatives on the
-    two sides differ, the error of the ghosts is of order ``s^2``, and that of the flux of order ``s``.
+    conductivities on the node's own side and on the side that the ghost continues: the left where ``carries_left``.
+    Where second derivatives on the two sides differ, the error of ghosts is of order ``s^2``, of the flux ``s``.
     """
     contact = 2 * law.resistance * k_own * k_beyond
     if law.resistance == 0:
@@ -145,8 +144,7 @@ def second_order_weights(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the weights (n, k) on the ghost's own side and beyond, and the factors (n,) of the jump and the flux.
 
-    On each side a polynomial of degree k interpolates the k values there; the two conditions at the boundary determine
-    the polynomials.
+    On each side a polynomial of degree k interpolates the k values; two conditions at the boundary determine the rest.
 
     ``law``: the law, with its resistance.
     ``materials`` two (n,) float64: conductivities on the ghost's own side, and on the side that it continues.
@@ -180,7 +178,7 @@ def second_order_weights(
 def conductivities(law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> tuple[Floats, Floats]:
     """Return the conductivities (n,) on the side of the ghosts' nodes, and on the side that the ghosts continue.
 
-    They are those of the condition, or else the problem's diffusivity; both at the boundary.
+    They are those of the condition, or else the problem's ``diffusivity``, at the boundary points of ``side_view``.
     """
     left, right = (
         _continued_to_boundary(diffusivity if data is None else data, side_view, sign, lattice)
@@ -191,9 +189,9 @@ def conductivities(law: Interface, diffusivity: Data, side_view: SideView, latti
 
 
 def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> None:
-    """Raise if conductivities of a transmission differ from the problem's diffusivity beside it; a check of layouts.
+    """Raise SceneError if a transmission's conductivities differ from the problem's ``diffusivity`` beside it.
 
-    Raises SceneError with the place where they differ most, or InputError if one is not positive.
+    ``name`` is the boundary's name in the error, ``side_view`` has the points of the boundary where they are compared.
     """
     for side, data, sign in (("left", law.left, 1.0), ("right", law.right, -1.0)):
         if data is None or not len(side_view.rows):
@@ -213,9 +211,9 @@ def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view
 
 
 def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice: Lattice) -> Floats:
-    """Return a conductivity (n,) at the boundary, extrapolated from the left (``sign`` 1) or from the right (-1).
+    """Return the conductivity ``data`` (n,) at the boundary, from the left (``sign`` 1) or the right (-1).
 
-    The result is of second order where it is smooth on that side. Raises InputError if it is not positive.
+    A function is extrapolated, of second order where it is smooth on that side; numbers are the same everywhere.
     """
     if not callable(data):
         return _data_beside(data, side_view, 0.0, lattice)
@@ -224,10 +222,7 @@ def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice
 
 
 def _data_beside(data: Data, side_view: SideView, share: float, lattice: Lattice) -> Floats:
-    """Return a conductivity (n,) ``share`` spacings left of the boundary, right of it if ``share`` is negative.
-
-    Raises InputError if it is not positive.
-    """
+    """Return ``data`` (n,) ``share`` spacings left of the boundary, < 0: right; raise InputError unless positive."""
     points = lattice.to_scene(side_view.foot + share * lattice.spacing * side_view.conormal)
     values = evaluate_data(data, points, 1, "a conductivity of Transmission, or the diffusivity,")[:, 0]
     if np.any(values <= 0):
