@@ -39,7 +39,11 @@ def solve_scene(
     progress: Progress = no_progress,
     **options: Any,
 ) -> SolutionRecord:
-    """Return the solution of a scene at one spacing; it has the warnings, which are not issued. Raises CpmkitError."""
+    """Return the solution of a scene by the form ``backend``; its warnings are stored in it, and not issued.
+
+    ``spacing`` None is for a back end that needs none; ``options`` are those of :func:`cpmkit.solve` without accuracy
+    targets. Raises CpmkitError if an argument is not accepted or the solver fails.
+    """
     checkpointing, rest = split_options(Checkpointing, options)
     checkpointing.check_for(scene.problem)
     started = time.perf_counter()
@@ -59,9 +63,9 @@ def solve_discretized(
 ) -> SolutionRecord:
     """Solve a discretised scene by the solver of its equation's family, and return the solution.
 
-    ``cache`` has operators and factors of earlier solves on the same tables, ``guess`` (unknowns, channels) the first
-    iterate of iterative solvers, and ``started`` is ``time.perf_counter()`` at the start of the discretisation, by
-    default now. Raises CpmkitError as the family's solver does.
+    ``cache`` has operators and factors of earlier solves on the same tables, and receives new ones; ``guess``
+    (unknowns, channels) is the first iterate of iterative solvers; ``started`` is ``time.perf_counter()`` at the start
+    of the discretisation, by default now. Raises CpmkitError as the family's solver does.
     """
     started = time.perf_counter() if started is None else started
     chosen = solver_of(form, options.solver)

@@ -54,14 +54,15 @@ class ConvergenceError(CpmkitError, ArithmeticError):
 
 
 def printable(text: str) -> str:
-    """Return ``text`` with control characters, which could change a terminal's state, escaped; newlines stay."""
+    """Return ``text`` with each non-printable character but the newline as an escape of ASCII."""
     return "".join(letter if letter.isprintable() or letter == "\n" else ascii(letter)[1:-1] for letter in text)
 
 
 def shown(value: object) -> str:
     """Return a value as text for messages: its repr on one line, cut after 200 characters.
 
-    For an array, a column or a table of more than 12 entries the text gives the type and the shape.
+    For an array, a column or a table of more than 12 entries the text gives the type and the shape; for a value whose
+    repr fails, the type.
 
     Examples
     --------

@@ -79,7 +79,8 @@ def explain(
 def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
     """Return the size and cost of a solve, estimated from cells around the manifold and its boundaries.
 
-    Nothing is discretised; ``solver`` is its name, or auto. Raises ResolutionError if memory would not suffice.
+    Nothing is discretised; ``solver`` is the name of the linear solver, or auto. Raises ResolutionError if memory would
+    not suffice. Counts are right within a factor of 2.
     """
     scene, options = model.scene, model.options
     origin = lattice_of(scene.surface, options.spacing, options.origin, model.coarsest_share).origin
@@ -117,10 +118,11 @@ def _rounded_count(count: float) -> str:
 def _with_seconds(
     explained: Explanation, scene: Scene, spacing: float, progress: Progress, options: dict[str, Any]
 ) -> Explanation:
-    """Return an explanation with the predicted seconds of a solve added, from coarse solves timed on this machine."""
+    """Return ``explained`` with the seconds of a solve at ``spacing``, predicted from timed coarse solves, or None."""
     given = {**options, "solver": explained.solver}
 
     def solve_timed(coarse: float) -> tuple[SolutionRecord, float]:
+        """Return the solution at the spacing ``coarse``, and the wall-clock seconds of its solve."""
         with collected_warnings():
             started = time.perf_counter()
             solution = solve_scene(scene, coarse, progress=progress, **given)
@@ -135,9 +137,9 @@ def extrapolated_cost(
 ) -> float | None:
     """Return the cost of a solve with ``unknowns`` at ``spacing``, extrapolated linearly from two coarse solves.
 
-    None if the scene cannot be solved on coarse lattices. The coarser solve is made twice, as the first includes the
-    cost of compiling and reading, which later solves do not have. ``solve`` returns the solution at a spacing and its
-    cost, such as seconds; ``m`` is the dimension of the manifold. The finer solve has at most about 8000 unknowns.
+    None if the coarse solves raise ResolutionError or SceneError. The coarser is made twice, as the first includes the
+    cost of compiling and reading. ``solve`` returns the solution at a spacing and its cost, such as seconds; ``m`` is
+    the dimension of the manifold. The finer solve has at most about 8000 unknowns.
     """
     fine = spacing * max((unknowns / 8_000) ** (1 / max(m, 1)), TIMED_RATIO)
     try:

@@ -43,16 +43,13 @@ class Solution(SolutionRecord):
 
         It is computed by solving on a lattice of twice the spacing, for about a quarter of the cost of the solution.
 
-        Raises
-        ------
-        CpmkitError
-            If the scene cannot be solved at twice the spacing, or the solution has no lattice.
+        Raises CpmkitError if the scene cannot be solved at twice the spacing, or the solution has no lattice.
         """
         return self.estimated or self._error
 
     @cached_property
     def _error(self) -> ErrorEstimate:
-        """The estimate that is computed on first use."""
+        """The error estimate from a solve at twice the spacing, made at first use and cached."""
         from cpmkit.accuracy.estimate import error_of
 
         return error_of(self)
@@ -70,7 +67,7 @@ class Solution(SolutionRecord):
 
     @document_look
     def picture(self, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
-        """Draw the solution into the PNG ``path``; see :func:`cpmkit.view.picture`."""
+        """Draw the solution into the PNG ``path``, and return its name and camera; see :func:`cpmkit.view.picture`."""
         from cpmkit.view import picture
 
         return picture(self, path, **options)
@@ -84,7 +81,7 @@ class Solution(SolutionRecord):
 
     @document_look
     def show(self, **options: Unpack[LookKeywords]) -> Page:
-        """Show the solution in a browser window or a notebook, where it can be turned and zoomed.
+        """Show the solution as a page in a browser or a notebook, to turn and zoom, and return the page.
 
         :func:`cpmkit.pick_line` shows it in a window in which the user can draw lines on it.
         """
@@ -111,7 +108,7 @@ class Solution(SolutionRecord):
         return to_meshio(self, vertices)
 
     def to_polyscope(self, name: str = "solution", vertices: str = "display") -> Any:
-        """Register the mesh with polyscope under ``name``; vertices as for :meth:`save`."""
+        """Register the mesh with polyscope as ``name``, and return polyscope's mesh; vertices as for :meth:`save`."""
         from cpmkit.saving.mesh_files import to_polyscope
 
         return to_polyscope(self, name, vertices)

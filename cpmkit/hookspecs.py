@@ -17,7 +17,7 @@ hookimpl = pluggy.HookimplMarker("cpmkit")
 
 @hookspec
 def cpmkit_sources() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
-    """Return a factory of a ClosestPointSource for each kind of surface, curve or point.
+    """Return a factory of a ClosestPointSource for each kind of surface, curve or point, by the kind's name.
 
     The keyword arguments of the factory are the keys of the kind in scene files.
     """
@@ -25,7 +25,7 @@ def cpmkit_sources() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-
 
 @hookspec
 def cpmkit_conditions() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
-    """Return a factory of a Condition for each kind of condition.
+    """Return a factory of a Condition for each kind of condition, by the kind's name.
 
     The keyword arguments of the factory are the keys of the kind in scene files.
     """
@@ -33,12 +33,12 @@ def cpmkit_conditions() -> Mapping[str, Callable[..., Any]]:  # type: ignore[emp
 
 @hookspec
 def cpmkit_solvers() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
-    """Return a factory of a LinearSolver for each kind of linear solver."""
+    """Return a factory of a LinearSolver for each kind of linear solver, by the name of the kind."""
 
 
 @hookspec
 def cpmkit_backends() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
-    """Return a factory of a Backend for each form, also called a back end: a way of discretising scenes."""
+    """Return a factory of a Backend for each form (back end), a way of discretising scenes, by its name."""
 
 
 @hookspec

@@ -46,7 +46,7 @@ class SavedSolution:
     arrays: Mapping[str, Any]
 
     def evaluate(self, *_points: Any, **_side: Any) -> NoReturn:
-        """Raise an InputError, as a solution without its scene is known only at the vertices of the mesh."""
+        """Raise InputError: a solution without its scene is known only at the vertices of the mesh."""
         raise InputError("A solution loaded without its scene cannot be evaluated; give scene= to cpmkit.load.")
 
 

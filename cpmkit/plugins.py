@@ -42,7 +42,7 @@ class InstalledKind:
 
 @cache
 def manager() -> pluggy.PluginManager:
-    """Return the plugin manager of the process, which calls the hooks of registered plugins."""
+    """Return the plugin manager of the process, made once, which calls the hooks of registered plugins."""
     made = pluggy.PluginManager("cpmkit")
     made.add_hookspecs(hookspecs)
     return made
@@ -155,7 +155,7 @@ def check_keys(make: Callable[..., Any], label: str, keys: Iterable[str], furthe
 
 
 def check_accepted(label: str, keys: Iterable[str], accepted: Sequence[str]) -> None:
-    """Check that ``keys`` of the table ``label`` are ``accepted``; raise SceneError for the first other key."""
+    """Raise SceneError for the first of ``keys`` of the table ``label`` that is not in ``accepted``."""
     unknown = next((key for key in keys if key not in accepted), None)
     if unknown is not None:
         raise SceneError(
@@ -171,7 +171,7 @@ def _accepted_parameters(make: Callable[..., Any]) -> dict[str, inspect.Paramete
 
 
 def takes(make: Callable[..., Any], key: str) -> bool:
-    """Return whether the factory ``make`` has a parameter of the name ``key``."""
+    """Return True if the factory ``make`` has a parameter with the name ``key``."""
     return key in inspect.signature(make).parameters
 
 
@@ -239,12 +239,7 @@ def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
 def read_ply_points(data: bytes) -> Floats:
     """Return the vertices (n, 3) of the PLY file with the contents ``data``.
 
-    Raises
-    ------
-    InputError
-        If it is no PLY file, is damaged, or has no vertices.
-    PluginError
-        If the mesh plugin is not installed.
+    Raises InputError if it is no PLY file, is damaged, or has no vertices, PluginError without the mesh plugin.
     """
     points: Floats = load("mesh.triangles").read_ply_points(data)
     return points

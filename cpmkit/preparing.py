@@ -130,12 +130,8 @@ class Prepared(Generic[Family]):
     def solved_by(self, solver: str, **options: Any) -> Prepared[Family]:
         """Return the scene, discretised as here, prepared for another linear solver, given by its name and options.
 
-        Its factors and multigrid levels are cached for further calls.
-
-        Raises
-        ------
-        InputError
-            If there is no such solver, or it has no such option.
+        It is cached, with its factors and multigrid levels, for further calls; for the same solver it is this object.
+        Raises InputError if there is no such solver, or it has no such option.
         """
         target = SolverOptions.of({"solver": solver, **options})
         if target == self.solver:

@@ -24,4 +24,4 @@ Progress = Callable[[str, float], None]
 
 
 def no_progress(stage: str, fraction: float) -> None:
-    """Do nothing; a progress callback that reports nothing."""
+    """Do nothing: the progress callback that reports neither ``stage`` nor ``fraction``."""

@@ -126,7 +126,7 @@ def map_to_target(**keys: Any) -> None:
 
 
 def _solve_map(arguments: dict[str, Any], _wants_error: bool) -> ApplicationResult:
-    """Return the harmonic map that :func:`map_to_target` computes, with its energy and, if it has one, its degree."""
+    """Return the map that ``harmonic_map(**arguments)`` computes, with its energies and degree (None if undefined)."""
     from cpmkit.applications import harmonic_map
     from cpmkit.errors import CpmkitError
 
@@ -175,7 +175,7 @@ def vectors(**keys: Any) -> None:
 
 
 def _solve_vectors(arguments: dict[str, Any], _wants_error: bool) -> ApplicationResult:
-    """Return the field that :func:`vectors` computes, with its singularities on a surface with triangles."""
+    """Return the field ``vector_field(**arguments)``, with its singularities if the surface has triangles."""
     from cpmkit.applications import vector_field
     from cpmkit.errors import CpmkitError
 
@@ -237,7 +237,7 @@ def _measure(
     arguments: dict[str, Any],
     wants_error: bool,
 ) -> ApplicationResult:
-    """Return the distance that :func:`distance` computes, and the paths from ``starts``."""
+    """Return the distance from ``origins``, and the paths from ``starts``; InputError if a piece has no origin."""
     import numpy as np
 
     from cpmkit.applications import geodesic_distance, signed_distance
@@ -263,7 +263,8 @@ def _measure(
 def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
     """Return the scene with only the boundaries that are no origins, and the origins.
 
-    The origins are an array (k, d) of points, a list of sources of boundaries, or both in a list.
+    ``origins`` are texts, names of boundaries or coordinates. The result has an array (k, d) of points, a list of
+    sources of boundaries, or both in a list, the array first. The equation is replaced by -Lap u = 0.
     """
     import numpy as np
 

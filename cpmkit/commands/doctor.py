@@ -37,7 +37,7 @@ class Diagnosis:
     advice: tuple[str, ...]  #: Sentences: warnings of the scene, and missing plugins and libraries.
 
     def __str__(self) -> str:
-        """Return the diagnosis as a table of names and values, and the advice below."""
+        """Return the diagnosis as lines of names and values, with the advice below."""
         rows = [("system", self.system), ("processors", str(self.processors)), ("memory", self.memory)]
         rows += [(name, found or "not installed") for name, found in self.versions.items()]
         rows += [(name, value) for name, value in self.variables.items()]

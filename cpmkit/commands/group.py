@@ -73,7 +73,7 @@ class CommandGroup(click.Group):
                 formatter.write_dl(plugged)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command; an error is turned into a sentence and an exit code."""
+        """Run a command and return its result; raise an error as click's exception with a sentence and exit code."""
         try:
             return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
@@ -106,7 +106,7 @@ def _error_sentence(ctx: click.Context, error: Exception) -> click.ClickExceptio
 
 
 def _at_stage(ctx: click.Context) -> str:
-    """Return the stage and the file of the running command in words; empty if neither is known."""
+    """Return " during the stage ... of FILE" for the running command, without unknown parts; "" if both are."""
     stage, file = ctx.meta.get(STAGE_KEY), ctx.meta.get(FILE_KEY)
     if stage:
         return f" during the stage {stage!r}" + (f" of {file}" if file else "")
@@ -125,7 +125,7 @@ traceback_option = click.option(
 
 @contextmanager
 def progress_callback(file: Path, quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
-    """Yield a callback for the progress of work on ``file``: shown unless ``quiet``, and remembered for errors."""
+    """Yield a callback (stage, share from 0 to 1): shown unless ``quiet``, and stored with ``file`` for errors."""
     from cpmkit.runtime.progress import ProgressLine
     from cpmkit.types import no_progress
 
@@ -159,7 +159,7 @@ ESTIMATED_SECONDS = 1.0
 
 
 def _check_finite(ctx: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """Return the value of an option; raise click.BadParameter if it is not finite."""
+    """Return ``value``, also None, of an option; raise click.BadParameter if it is infinite or NaN."""
     if value is not None and not math.isfinite(value):
         raise click.BadParameter(f"{value} is not a finite number.", ctx, parameter)
     return value
@@ -192,6 +192,7 @@ def combine(*options: Callable[[Command], Command]) -> Callable[[Command], Comma
     """Return a decorator that adds several options to a command, in the order in which help lists them."""
 
     def add(command: Command) -> Command:
+        """Return ``command`` with the options, the last one applied first."""
         for option in reversed(options):
             command = option(command)
         return command
@@ -250,7 +251,8 @@ def print_outcome(
 ) -> None:
     """Print the outcome of a command: the summary as JSON, or lines and ``warnings``, or only these if ``quiet``.
 
-    The lines are ``head``, seconds, the error and the solves that reached the accuracy target, ``lines``, and files.
+    The lines are ``head``, seconds, the error and the solves that reached the accuracy target of ``solution``,
+    ``lines``, and the files. ``summary`` is that of the written results; warnings are printed without ``as_json``.
     """
     if as_json:
         click.echo(json.dumps(summary, indent=2))
@@ -310,8 +312,8 @@ def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> 
 def with_look(request: OutputRequest, field: str | None, look: Sequence[str], estimate: bool | None) -> OutputRequest:
     """Return the requested output with the picture changed to ``field`` and to ``look`` (KEY=VALUE each), if given.
 
-    Raises InputError if there is no picture, it shows an error that is not to be estimated, or a key or value is not
-    accepted.
+    ``estimate`` False is no error estimate. Raises InputError if there is no picture to change, it shows an error then,
+    or a key or value is not accepted.
     """
     from dataclasses import replace
 

@@ -44,14 +44,9 @@ def read_array(path: Path, label: str = "an array of numbers") -> np.ndarray:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return the contents of a file that fits into the available memory.
+    """Return the bytes of the file ``path``.
 
-    Raises
-    ------
-    InputError
-        If the file is larger than the available memory.
-    OSError
-        If it cannot be read.
+    Raises InputError if the file is larger than the available memory, OSError if it cannot be read.
     """
     _check_size(path.stat().st_size, path.name)
     return path.read_bytes()
@@ -88,7 +83,7 @@ def read_arrays(
 
 
 def _check_size(needed: int, name: str) -> None:
-    """Raise an InputError if the ``needed`` bytes of a file exceed the available memory."""
+    """Raise InputError if the ``needed`` bytes of the file ``name`` exceed the available memory."""
     available = available_bytes()
     if needed > available:
         raise InputError(
@@ -146,9 +141,9 @@ def read_saved(
 ) -> dict[str, np.ndarray]:
     """Return the arrays of an ``.npz`` file that ``table`` names, floats as float64 and whole numbers as int64.
 
-    Shapes are compared before an array is read: with the known ``sizes``, and with each other. Raises InputError if the
-    file is missing, damaged, or no ``.npz`` file; if an array that is needed is not in it; or if one is of another type
-    or shape than the table says, or holds NaN or infinity.
+    Shapes are compared before an array is read: with the known ``sizes``, by name, and with each other. ``label``
+    describes the file in errors. Raises InputError if the file is missing, damaged, or no ``.npz`` file, lacks a needed
+    array, or has an array of another type or shape than in ``table``, or with NaN or infinity.
     """
     rows, known = {row.name: row for row in table}, dict(sizes or {})
 
@@ -182,7 +177,7 @@ def read_saved(
 
 
 def read_json_table(array: np.ndarray, path: Path, name: str) -> dict[str, Any]:
-    """Return the table of plain values that an array has as JSON text; raise InputError if it is no JSON object."""
+    """Return the dict in the JSON text of the array ``name`` of file ``path``; raise InputError for other text."""
     try:
         table = json.loads(str(array))
     except (ValueError, RecursionError) as error:

@@ -38,7 +38,7 @@ def numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
 
 
 def whole_numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
-    """Return the kind of whole numbers from ``least`` to ``most``."""
+    """Return the kind of integers from ``least`` to ``most``, without true and false."""
     return Kind(
         f"a whole number{_range(least, most)}",
         lambda value: type(value) is int and least <= value <= most,
@@ -80,7 +80,8 @@ def check_fields(
 ) -> Mapping[str, Any]:
     """Return ``table`` if it has all ``needed`` fields, and these and its ``optional`` fields are of their kinds.
 
-    Raises InputError if a field is missing or not of its kind; the message names ``where`` and the field.
+    Raises InputError if it is no table, or a field is missing or not of its kind; the message names ``where`` and the
+    field.
     """
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table, got {shown(table)}.")
@@ -95,8 +96,8 @@ def check_fields(
 def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
     """Return an object of a dataclass with plain fields from the table as which it was saved; unknown keys are ignored.
 
-    Raises InputError if a field without a default is missing, or a value is not of the field's type (integers must not
-    be negative), and TypeError if the type of a field is not of plain values.
+    Lists become tuples. Raises InputError, with the name ``where``, if a field without a default is missing, or a value
+    is not of the field's type (integers must not be negative), TypeError if a field's type is not of plain values.
     """
     hints = get_type_hints(record)
     kinds = {field.name: _kind(hints[field.name]) for field in fields(record)}  # type: ignore[arg-type] # a dataclass
@@ -129,7 +130,7 @@ def _kind(hint: Any) -> Kind:
 
 
 def _range(least: float, most: float) -> str:
-    """Return the bounds of a kind of numbers in words, without infinite bounds."""
+    """Return the bounds in words, such as " of at least 0 and at most 9"; without infinite bounds."""
     low = f" of at least {least:g}" if math.isfinite(least) else ""
     return f"{low}{' and' if low and math.isfinite(most) else ''}{f' at most {most:g}' if math.isfinite(most) else ''}"
 

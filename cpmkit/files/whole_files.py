@@ -36,12 +36,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside ``path`` to write to; after the block the file is renamed to ``path``.
 
     If the block raises, ``path`` is unchanged and the unfinished file is removed. Unfinished files of earlier processes
-    that were killed are removed, too.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    that were killed are removed, too. Raises InputError if the file cannot be written.
     """
     check_name(path)
     unfinished = unfinished_name(path)
@@ -79,7 +74,7 @@ def remove_leftovers(path: Path) -> None:
 
 
 def _runs(process: int) -> bool:
-    """Return whether a process of this number runs; True if that cannot be determined."""
+    """Return True if a process with the id ``process`` runs, or if that cannot be determined."""
     if os.name == "nt":  # there `os.kill` would end it
         return True
     try:
@@ -174,7 +169,7 @@ KNOWN_MESHES = {
 
 
 def cache_folder() -> Path:
-    """Return the user's cache of meshes: ``CPMKIT_CACHE``, or a folder in the XDG cache."""
+    """Return the folder of cached meshes, which may not exist: ``CPMKIT_CACHE``, or ``cpmkit`` in the XDG cache."""
     base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     return Path(os.environ.get("CPMKIT_CACHE") or Path(base) / "cpmkit")
 
@@ -182,10 +177,7 @@ def cache_folder() -> Path:
 def existing_file(path: Any, label: str = "file") -> Path:
     """Return ``path`` as a Path if there is a file of this name.
 
-    Raises
-    ------
-    InputError
-        If there is no such file; ``label`` names the key in the error.
+    Raises InputError if there is no such file or ``path`` is no path; then ``label`` names the key.
     """
     if not isinstance(path, (str, Path)):
         raise InputError(f"{label} must be the path of a file, got {shown(path)}.")
@@ -195,7 +187,7 @@ def existing_file(path: Any, label: str = "file") -> Path:
 
 
 def _is_file(path: Path) -> bool:
-    """Return whether there is such a file; False if the name is too long or a folder is not searchable."""
+    """Return True if ``path`` is a file; False also if its name is not valid or a folder is not searchable."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -230,7 +222,7 @@ def find_file(name: str | Path, folder_of_scene: Path | None = None) -> Path:
 
 
 def _folder_text(folder: Path) -> str:
-    """Return the name of a folder, with a note if it is not searchable."""
+    """Return the path of a folder, cut after 200 characters, with a note if it is not searchable."""
     text = str(folder)
     text = text if len(text) <= ECHOED_CHARACTERS else text[:ECHOED_CHARACTERS] + "..."
     try:

@@ -46,7 +46,7 @@ class Formulas:
 
     @property
     def takes_time(self) -> bool:
-        """Whether any of the formulas contains t, the time."""
+        """True if any of the formulas contains t, the time."""
         return "t" in self._program.variables
 
     def _values(self, points: Floats, **others: Any) -> Floats:
@@ -128,7 +128,7 @@ class StateExpression(Formula):
         return ("u", "s", *super()._variables)
 
     def __call__(self, u: Floats, s: Floats, points: Floats) -> Floats:
-        """Return the values (n,) for u (n,), s (n,) and points (n, d)."""
+        """Return the values (n,) for u (n,), s (n,) and points (n, d); SceneError if they lack a coordinate."""
         values: Floats = self._values(points, u=u, s=s)[0]
         return values
 
@@ -157,7 +157,7 @@ class ReactionExpression(Formulas):
     dim: int = len(COORDINATES)
 
     def __post_init__(self) -> None:
-        """Check the number and the types of the formulas, and parse them."""
+        """Parse the formulas; raise SceneError if they are not 1 to 100 texts or one is not accepted."""
         if not 1 <= len(self.texts) <= 100 or not all(isinstance(text, str) for text in self.texts):
             raise SceneError(
                 "a reaction must be 1 to 100 formulas, one formula a channel, such as '-u1*u2**2', got "
@@ -180,7 +180,7 @@ class ReactionExpression(Formulas):
         return (*(["u"] if self.channels == 1 else []), *channels, *super()._variables, "t")
 
     def __call__(self, u: Floats, points: Floats, t: float | None = None) -> Floats:
-        """Return the rates (n, channels) for u (n, channels), points (n, d) and the time ``t``."""
+        """Return the rates (n, channels) for u (n, channels), points (n, d) and the time ``t``, needed if used."""
         channels = {f"u{k}": u[:, k - 1] for k in range(1, self.channels + 1)}
         return np.ascontiguousarray(self._values(points, u=u[:, 0], t=t, **channels).T)
 
@@ -224,10 +224,7 @@ class FormulaJets:
 def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) -> FormulaJets:
     """Return the formulas given by checked syntax trees in the variables ``names``, with first and second derivatives.
 
-    Raises
-    ------
-    SceneError
-        If they need more than :data:`MAX_FORMULA_STEPS` steps; ``label`` is their name in the message.
+    Raises SceneError if they need more than :data:`MAX_FORMULA_STEPS` steps; ``label`` is their name in the message.
     """
     steps = Steps()
     zero = steps.number(0.0)
@@ -269,7 +266,7 @@ class Derivatives:
         return self._known[place, name]
 
     def _derivative(self, place: int, name: str) -> int | None:
-        """Return the place of the derivative of one step, given those of its operands; None if it is zero."""
+        """Return the place of the derivative of a step by ``name``, given those of its operands; None if it is zero."""
         kind, *operands = self.steps.steps[place]
         if kind in ("name", "number"):
             return self.steps.number(1.0) if [kind, *operands] == ["name", name] else None

@@ -155,7 +155,7 @@ class Steps:
         return float.fromhex(operands[0]) if kind == "number" else None
 
     def apply(self, kernel: str, *operands: int) -> int:
-        """Return the place of a kernel's result, which is added if it is new; it is a number if all operands are."""
+        """Return the place of ``kernel`` applied to places ``operands``, a number if these are; add it if new."""
         numbers = [self.value(place) for place in operands]
         if any(number is None for number in numbers):
             return self._place((kernel, *operands))
@@ -163,7 +163,7 @@ class Steps:
             return self.number(KERNELS[kernel](*map(np.float64, numbers)))
 
     def power(self, base: int, exponent: int) -> int:
-        """Return the place of a power: by products, and a quotient, for small whole exponents; by sqrt for 0.5."""
+        """Return the place of base^exponent, places too: by products for integers up to 12 in size, sqrt for 0.5."""
         number = self.value(exponent)
         if number == 0.5:
             return self.apply("sqrt", base)
@@ -179,9 +179,10 @@ class Steps:
         return product if number > 0 else self.apply("divide", self.number(1.0), product)
 
     def add_tree(self, tree: ast.expr, known: Mapping[str, int] | None = None) -> int:
-        """Return the place of the value of a checked syntax tree; ``known`` are places of some of its variables.
+        """Return the place of the value of a checked syntax tree, whose new steps are added.
 
-        Operands are added before the operations on them, without recursion, because sums may be long.
+        ``known`` are the places of some variables by name; each other is a step of its own. Operands are added before
+        the operations on them, without recursion, because sums may be long.
         """
         places: dict[int, int] = {}
         for node in reversed([node for node in ast.walk(tree) if isinstance(node, ast.expr)]):
@@ -250,7 +251,7 @@ class Program:
     outputs: Ints  #: (o,): the rows of the outputs.
 
     def __call__(self, variables: Mapping[str, Any], count: int) -> Floats:
-        """Return the outputs (o, count) at ``count`` points, given variables that are arrays (count,) or numbers."""
+        """Return the outputs (o, count) at ``count`` points; ``variables`` by name are arrays (count,) or numbers."""
         results = np.empty((len(self.outputs), count))
         columns = {row: np.broadcast_to(variables[name], count) for name, row in self.variables.items()}
         rows = len(self.numbers) + len(columns) + self.operations
@@ -274,7 +275,7 @@ class Program:
 
 
 def make_program(steps: Steps, outputs: Sequence[int]) -> Program:
-    """Return the program that computes the values at the places ``outputs``."""
+    """Return the program that computes the values at the places ``outputs`` in ``steps``, in that order."""
     kinds = {place: steps.steps[place][0] for place in steps.dependencies(outputs)}
     numbers, names = ([place for place in kinds if kinds[place] == kind] for kind in ("number", "name"))
     applied = [place for place in kinds if kinds[place] in KERNELS]

@@ -110,7 +110,8 @@ def save(
 def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "display") -> None:
     """Check before anything is solved that solutions on ``surface`` can be saved as ``path``.
 
-    Raises InputError or MissingDependencyError if :func:`save` would raise it for every solution on the surface.
+    ``vertices`` is as for :func:`save`. Raises InputError or MissingDependencyError if :func:`save` would raise it for
+    every solution on the surface.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -140,7 +141,7 @@ def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
 
 
 def _save_npz(solution: SolutionRecord, path: Path) -> None:
-    """Write an .npz file: lattice and unknowns, the summary and, if the surface has a mesh, the display mesh."""
+    """Write the .npz file ``path``: lattice and unknowns, summary and, if there is a mesh, the display mesh."""
     arrays = {f"lattice_{name}": array for name, array in solution.arrays().items()}
     arrays |= {"format": np.array(FORMAT_VERSION), "summary": np.array(json.dumps(solution.summary()))}
     if isinstance(solution.scene.surface, HasMesh):
@@ -197,9 +198,9 @@ def frames_folder(path: Path) -> Path:
 
 
 def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
-    """Draw the frames of a problem in time into ``<name>-0000.png``, ..., with one colour bar, and return the paths.
+    """Draw the frames of a problem in time into ``<name>-0000.png``, ... beside ``path``, and return their paths.
 
-    Raises InputError if the solution has no frames.
+    They have a common colour bar. Raises InputError if the solution has no frames.
     """
     count = len(frames_of(solution, "a picture of each frame"))
     files = [_numbered_path(path, number, count) for number in range(count)]
@@ -209,6 +210,6 @@ def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
 
 
 def _numbered_path(path: Path, number: int, count: int) -> Path:
-    """Return ``path`` with a number before its suffix: four digits, or as many as ``count`` - 1 has."""
+    """Return ``path`` with a hyphen and ``number`` before its suffix, in the digits of ``count`` - 1, at least four."""
     digits = max(4, len(str(count - 1)))
     return path.with_name(f"{path.stem}-{number:0{digits}}{path.suffix}")

@@ -29,7 +29,7 @@ def write_vtp(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 
 def write_vtu(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write a .vtu file for ParaView: the contents of :func:`write_vtp` as an unstructured grid."""
+    """Write a .vtu file for ParaView: an unstructured grid with the contents of :func:`write_vtp`."""
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
     grid = poly_data(mesh, error).cast_to_unstructured_grid()
@@ -37,7 +37,7 @@ def write_vtu(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 
 def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write a binary PLY file: vertices, each with its values and a colour, and triangles."""
+    """Write a binary PLY file: vertices with values, ``error`` (v, channels) if given and colours; triangles."""
     columns = value_columns(mesh, error)
     names = ["x", "y", "z", *columns]
     colours = ("red", "green", "blue")
@@ -61,7 +61,7 @@ def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 
 def write_obj(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> None:
-    """Write an OBJ file: vertices with their colours, triangles and segments."""
+    """Write an OBJ file: vertices with their colours, triangles and segments; values and error are left out."""
     rows = np.hstack([in_space(mesh.points), colours_of(mesh)])
     lines = [f"v {x!r} {y!r} {z!r} {r:.4f} {g:.4f} {b:.4f}" for x, y, z, r, g, b in rows.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]
@@ -70,7 +70,7 @@ def write_obj(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> No
 
 
 def write_csv(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write a CSV file: a line of names, and for each vertex a line with its coordinates and values."""
+    """Write a CSV file: a line of names, then a vertex a line: coordinates, values, and if given its errors."""
     columns = value_columns(mesh, error)
     rows = np.column_stack([mesh.points, *columns.values()])
     names = ",".join([*"xyz"[: mesh.points.shape[1]], *columns])
@@ -79,7 +79,7 @@ def write_csv(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 
 def write_npz(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> None:
-    """Write a mesh as an .npz file with the arrays ``points``, ``cells`` and ``values``."""
+    """Write a mesh as a compressed .npz file with the arrays ``points``, ``cells`` and ``values``, without error."""
     np.savez_compressed(path, points=mesh.points, cells=mesh.cells, values=mesh.values)
 
 
@@ -158,7 +158,7 @@ def _by_vtk(writer: Any, data: Any) -> bytes:
 
 
 def to_pyvista(solution: SolutionRecord, vertices: str = "display") -> Any:
-    """Return a solution's mesh as a ``pyvista.PolyData`` with point data ``u``; see :func:`poly_data`."""
+    """Return the mesh of :func:`_mesh` as a ``pyvista.PolyData`` with point data ``u``; see :func:`poly_data`."""
     return poly_data(_mesh(solution, vertices))
 
 
@@ -193,7 +193,7 @@ def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str
 
 
 def _mesh(solution: SolutionRecord, vertices: str) -> DisplayMesh:
-    """Return a solution's display mesh, or the mesh that its surface was made from if ``vertices`` is ``own``."""
+    """Return the display mesh if ``vertices`` is "display", the surface's given mesh if "own"; raise for others."""
     check_one_of(vertices, VERTICES, "vertices")
     return own_mesh(solution) if vertices == "own" else solution.display_mesh()
 
@@ -215,7 +215,7 @@ def _library_and_mesh(name: str, solution: SolutionRecord, vertices: str) -> tup
 
 
 def own_mesh(solution: SolutionRecord) -> DisplayMesh:
-    """Return the mesh that the surface was made from, with the solution at its vertices; raise InputError if none."""
+    """Return the mesh that the surface was made from, uncut, with the solution at vertices; InputError if none."""
     vertices, cells = given_mesh_of(solution.scene.surface)
     values = solution.at_vertices(None).reshape(len(vertices), -1)
     return DisplayMesh(vertices, cells, values, None, len(vertices))

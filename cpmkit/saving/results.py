@@ -141,7 +141,7 @@ def write_results(
 
 @contextmanager
 def _collecting_failures(failures: dict[str, Exception], file: str) -> Iterator[None]:
-    """Put an exception of the block into ``failures`` under the name of the file, so that the others are written."""
+    """Catch an exception of the block, and put it into ``failures`` under the name ``file``."""
     try:
         yield
     except Exception as error:
@@ -156,12 +156,12 @@ def _sentence(file: Path, error: Exception) -> str:
 
 
 def _vertices_of(file: str, request: OutputRequest) -> str:
-    """Return which mesh a file holds: for mesh files that of ``request.vertices``, else the display mesh."""
+    """Return "own" or "display", the mesh in ``file``: by suffix that of ``request.vertices``, or the latter."""
     return request.vertices if Path(file).suffix.lower() in MESH_WRITERS else VERTICES[0]
 
 
 def _with_folder(path: Path) -> Path:
-    """Create the folder of ``path``, and return ``path``."""
+    """Create the folder of ``path``, and return ``path``; raise InputError if the system refuses."""
     with explain_system_error(f"The folder {path.parent} cannot be made"):
         path.parent.mkdir(parents=True, exist_ok=True)
     return path

@@ -52,7 +52,7 @@ ANY_TABLE = table_of(ANYTHING)
 
 
 def _is_boundary(table: Any) -> bool:
-    """Return whether a value describes a boundary of a saved scene: a table of texts, none empty, with a name."""
+    """Return True if ``table`` describes a boundary of a saved scene: a table of texts, none empty, with a name."""
     texts = ANY_TABLE.accepts(table) and "name" in table
     return texts and all(isinstance(text, str) and text for text in table.values())
 
@@ -72,7 +72,7 @@ SCENE_KEYS = {
 
 
 def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the arrays and the summary of a solution saved as .npz, with all arrays of the lattice or none.
+    """Return the arrays, by name, and the summary of a solution saved as .npz, with all arrays of the lattice or none.
 
     Raises InputError if there is no such file, it is of another format, or an array or the summary is damaged.
     """
@@ -129,7 +129,7 @@ def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None
 
 
 def _difference(place: str, saved: Any, described: Any) -> str:
-    """Return the sentence on the first difference of two plain values: its place and both values."""
+    """Return the text on the first difference of ``saved`` and ``described``: its place, after ``place``, and both."""
     if type(saved) is type(described) is dict and saved.keys() == described.keys():
         key = next(key for key in saved if saved[key] != described[key])
         return _difference(f"{place}, {key}", saved[key], described[key])
@@ -140,7 +140,7 @@ def _difference(place: str, saved: Any, described: Any) -> str:
 
 
 def _kinds(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """Return of a scene in plain values only the equation's kind, and boundaries with the kinds of their conditions."""
+    """Return the equation's kind, and lists [name, kinds of left and right condition] of boundaries, of a scene."""
     kinds = [
         [boundary["name"], *(boundary[side].split()[0] for side in SIDES if side in boundary)]
         for boundary in scene["boundaries"]

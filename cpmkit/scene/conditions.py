@@ -53,6 +53,7 @@ class Condition:
     order: int | None = None
 
     def __post_init__(self) -> None:
+        """Replace formulas by functions; raise SceneError if one does not parse, InputError for a wrong order."""
         read_formulas(self, self.kind)
         if self.order is not None:
             check_order(self.order, f"order of {type(self).__name__}")

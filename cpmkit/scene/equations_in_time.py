@@ -183,6 +183,7 @@ class Heat(Evolution):
     schemes: ClassVar[tuple[str, ...]] = ("bdf2", "backward-euler", "crank-nicolson")
 
     def __post_init__(self) -> None:
+        """Check the fields as for any equation in time; raise InputError if ``start`` is not accepted."""
         super().__post_init__()
         if self.start not in ("smooth", "plain"):
             raise InputError(f"start of heat must be smooth or plain, got {shown(self.start)}.")

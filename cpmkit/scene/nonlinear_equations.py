@@ -165,6 +165,7 @@ class PLaplacian(QuasilinearEquation):
     kind: ClassVar[str] = "p-laplacian"
 
     def __post_init__(self) -> None:
+        """Check the fields as for any quasilinear equation; raise InputError if p is below 1 or no finite number."""
         super().__post_init__()
         if number(self.p, "p of p-laplacian") < 1:
             raise InputError(f"p of p-laplacian must be at least 1, got {self.p:g}.")

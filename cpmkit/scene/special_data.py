@@ -90,6 +90,7 @@ class VertexArrays:
     """
 
     def __init__(self, surface: ClosestPointSource) -> None:
+        """Store the surface and its number of vertices, None if its source interpolates no values."""
         self.surface = surface
         self.count = surface.value_count if isinstance(surface, HasValues) else None
         self._replaced: dict[int, tuple[Any, Any]] = {}
@@ -231,6 +232,7 @@ class Divergence(Functional):
     beside: Data = 0.0
 
     def __post_init__(self) -> None:
+        """Convert the scale to a float; raise InputError if it is not finite, or the field is not callable."""
         if not callable(self.of):
             raise InputError(f"a divergence is that of a function of points, got {shown(self.of)}.")
         object.__setattr__(self, "scale", number(self.scale, "scale of a divergence"))
@@ -244,6 +246,7 @@ class Divergence(Functional):
         return self * -1.0
 
     def __mul__(self, factor: float) -> Divergence:
+        """Return the divergence with its scale times ``factor``; raise InputError if ``beside`` is not zero."""
         if not is_zero(self.beside):
             raise InputError("a divergence with a function beside it is not multiplied; give its scale.")
         return replace(self, scale=self.scale * number(factor, "a factor of a divergence"))

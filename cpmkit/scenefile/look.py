@@ -226,6 +226,7 @@ class OutputRequest:
     vertices: str = VERTICES[0]
 
     def __post_init__(self) -> None:
+        """Raise SceneError if ``vertices`` or the name of a file is not accepted."""
         check_one_of(self.vertices, VERTICES, "vertices")
         for file in self.files:
             relative_name(file, "a file of [output]")

@@ -38,6 +38,7 @@ def user_class_of(record: type[SolutionRecord]) -> Callable[[UserClass], UserCla
     """
 
     def register(user_class: UserClass) -> UserClass:
+        """Register ``user_class`` for ``record``, extend its docstring in place, and return it."""
         _user_classes[record] = user_class
         _, _, details = inspect.cleandoc(record.__doc__ or "").partition("\n\n")
         user_class.__doc__ = f"{inspect.cleandoc(user_class.__doc__ or '')}\n\n{details}"

@@ -77,7 +77,7 @@ def read_records(file: Path) -> list[Record]:
 
 
 def _parse_record(line: bytes, where: str) -> Record:
-    """Return the record in a line; raise InputError, which names the line as ``where``, if it is not valid."""
+    """Return the record in a ``line``, former option names replaced; raise InputError, with ``where``, if invalid."""
     try:
         record = json.loads(line)
     except (ValueError, RecursionError):
@@ -167,7 +167,7 @@ class Entry:
     target: float  #: Accuracy target in place of a spacing; nan without one.
 
     def percent(self, quantity: str) -> float:
-        """Return an error, or the shift, in percent of the half range; nan where that is zero."""
+        """Return the field ``quantity``, an error or ``shift``, in percent of the half range; nan if that is zero."""
         return 100 * float(getattr(self, quantity)) / self.half_range if self.half_range > 0 else math.nan
 
 
@@ -211,13 +211,13 @@ def gather(records: Sequence[Record]) -> list[Series]:
 
 
 def _series_key(record: Record) -> tuple[Any, ...]:
-    """Return the method, the options and the kind of accuracy target of a record, which identify its series."""
+    """Return (method, options as pairs, name of the accuracy target or ""), which identify a record's series."""
     run = Run.of(record)
     return run.method, run.options, next(iter(run.target), "")
 
 
 def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequence[Record]) -> Series:
-    """Return the series of ``records``, which have this key; ``keys`` of all series determine what its label names."""
+    """Return the series of ``records``, all with this ``key``; its label names what differs between all ``keys``."""
     method, options, target = key
     fineness = f"asked_{target}" if target else "spacing"
     given = sorted({record[fineness] for record in records}, reverse=target != "seconds")
@@ -254,7 +254,8 @@ def _entry(records: Sequence[Record], target: str) -> Entry:
 def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     """Return the label of a series: the method if methods differ, and the options that differ between its series.
 
-    If none differs, the label is the option ``order``, or else the method. An accuracy target is named last.
+    If none differs, the label is the option ``order``, or else the method; an accuracy target comes last. ``key`` and
+    ``keys``, those of all series, are of :func:`_series_key`.
     """
     (method, options, target), methods = key, {other for other, *_ in keys}
     own = [dict(other) for one, other, _ in keys if one == method]

@@ -102,11 +102,12 @@ def refined_mesh(surface: ClosestPointSource) -> ClosestPointSource:
     """Return a surface with a mesh that is refined until no edge is longer than the spacing, else equal to ``surface``.
 
     The mesh's own vertices come first. New vertices are closest points: if the surface is itself a mesh, they lie on
-    its flat triangles, whose distance from a smooth surface remains.
+    its flat triangles, whose distance from a smooth surface remains. Raises InputError if there is no mesh.
     """
     make_mesh = mesh_of(surface)
 
     def mesh(self: Any, spacing: float) -> tuple[Floats, Ints]:
+        """Return vertices (v, d) and cells (m, k) of the mesh, with edges no longer than ``spacing``."""
         points, cells = make_mesh(spacing)
         refined, cells = refine_mixed_cells(points, cells, points.shape[1], spacing)
         refined[len(points) :] = self.closest_point(refined[len(points) :]).points
@@ -121,9 +122,10 @@ def refined_mesh(surface: ClosestPointSource) -> ClosestPointSource:
 def solve_on_refined_mesh(
     scene: Scene, spacing: float, *, progress: Progress = no_progress, **options: Any
 ) -> Solution:
-    """Solve a scene by finite elements on its surface's mesh, refined until no edge is longer than ``spacing``.
+    """Return the finite element solution on the surface's mesh, refined until no edge is longer than ``spacing``.
 
-    Raises CpmkitError if the back end ``fem`` raises it, or the surface has no mesh.
+    ``options`` are those of :func:`cpmkit.solve`; those of a lattice are ignored. Raises CpmkitError if the back end
+    ``fem`` does, or the surface has no mesh.
     """
     refined = replace(scene, surface=refined_mesh(scene.surface))
     return solve(refined, spacing, backend="fem", progress=progress, **for_any_backend(options))
@@ -179,9 +181,9 @@ def solve_by_fixed_nodes(
 
 
 def check_fixable(scene: Scene, method: str) -> None:
-    """Check that a scene can be solved by :func:`solve_by_fixed_nodes`.
+    """Check that a scene can be solved by :func:`solve_by_fixed_nodes` with this ``method``, named in messages.
 
-    Raises SceneError if the problem or a condition is of another kind, sides differ, or there is no boundary.
+    Raises SceneError if the problem is not steady, a condition is not Dirichlet, sides differ, or no boundary exists.
     """
     if scene.problem.family != "steady":
         raise SceneError(f"the method {method!r} solves one steady system, got {scene.problem.kind!r}; use 'cpm'.")
@@ -200,6 +202,7 @@ def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource
     """Return a mask (n,) of the band's inner nodes that a method fixes near boundaries, and values (n, channels).
 
     The value of a fixed node is the Dirichlet datum of the nearest boundary at its closest point; others are zero.
+    ``sources`` are those of the boundaries relative to the lattice's origin, ``method`` is ``nearest`` or ``ball``.
     """
     layout = tables.layout
     half = 0.5 * (layout.band.degree + 1)
@@ -238,9 +241,10 @@ def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
 def _without_fixed_nodes(
     operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats
 ) -> tuple[ExtensionOperator, Floats]:
-    """Return the operator and the right-hand side for the nodes that are not ``fixed`` (n,), with the fixed ``values``.
+    """Return the operator and right-hand side on the f nodes that are not ``fixed`` (n,), of those on all n nodes.
 
-    The columns of the fixed nodes, times their values, are moved to the right-hand side.
+    ``b`` and ``values`` are (n, channels). The columns of fixed nodes, times their values, are moved to the right-hand
+    side (f, channels).
     """
     free, diagonal = np.flatnonzero(~fixed), operator.diagonal
     b = b + operator.spread(operator.extension[:, np.flatnonzero(fixed)] @ values[fixed])

@@ -26,7 +26,7 @@ GREY = "#777777"
 
 
 def convergence_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return a figure of error against spacing, log-log, with fitted orders in the legend and slopes 1 and 2 dotted."""
+    """Return a figure of largest errors over spacing, log-log, with fitted orders and dotted slopes 1 and 2."""
     figure, (axes,) = _figure(title, 1)
     _draw_slopes(axes, series)
     for number, each in enumerate(series):
@@ -39,7 +39,7 @@ def convergence_figure(series: Sequence[Series], title: str) -> Figure:
 
 
 def difference_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return a figure of rms differences from a reference against spacing, log-log, with their mean and without it."""
+    """Return a figure of rms differences from a reference, in % of half its range, with and without their mean."""
     figure, pair = _figure(title, 2)
     shown = {"rms_error": "mean kept", "rms_without_mean": "mean removed"}
     for axes, (quantity, name) in zip(pair, shown.items(), strict=True):
@@ -84,7 +84,7 @@ def trade_figure(series: Sequence[Series], title: str) -> Figure:
 
 
 def _figure(title: str, count: int) -> tuple[Figure, Any]:
-    """Return a figure of ``count`` axes side by side, and the axes; lines of the title have 68 characters per axes."""
+    """Return a figure of ``count`` axes side by side, and the array of these (count,), with a common vertical scale."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 5.4) if count == 1 else (5 * count, 4.8), layout="constrained")
@@ -98,7 +98,7 @@ def _escape_dollars(text: str) -> str:
 
 
 def _plot_series(axes: Any, number: int, x: Sequence[float], y: Sequence[float], label: str) -> None:
-    """Plot ``y`` over ``x`` in the colour, line style and marker of series ``number``."""
+    """Add a line of ``y`` over ``x`` to ``axes``, in the colour, style and marker of series ``number``, from 0."""
     axes.plot(
         x,
         y,
@@ -110,7 +110,7 @@ def _plot_series(axes: Any, number: int, x: Sequence[float], y: Sequence[float],
 
 
 def _draw_slopes(axes: Any, series: Sequence[Series]) -> None:
-    """Draw dotted lines of slopes 1 and 2 that end at the geometric mean of the errors at the coarsest spacings."""
+    """Add dotted lines of slopes 1 and 2 that end at the geometric mean of the errors at coarsest spacings."""
     spacings = np.array(sorted({spacing for one in series for spacing in one.spacings}))
     coarsest = [one.errors[0] for one in series if one.errors[0] > 0]
     if len(spacings) == 1 or not coarsest:
@@ -126,7 +126,7 @@ def _draw_slopes(axes: Any, series: Sequence[Series]) -> None:
 
 
 def _spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
-    """Use logarithmic scales, with a tick at each spacing of the series and no minor ticks."""
+    """Change ``axes`` to logarithmic scales, with a tick at each spacing of the series and no minor ticks."""
     spacings = sorted({spacing for one in series for spacing in one.spacings})
     _log_scales(axes)
     axes.set_xticks(spacings, [f"{spacing:g}" for spacing in spacings])
@@ -165,7 +165,7 @@ class Report:
 
     @property
     def compares(self) -> bool:
-        """Whether errors are differences from the solution of another back end."""
+        """True if errors are differences from the solution of another back end instead of a known solution."""
         return self.series[0].reference is not None
 
     @property
@@ -175,7 +175,7 @@ class Report:
 
 
 def write_report(folder: Path, content: str | None = None) -> Report:
-    """Write a page with tables and figures of the records in ``folder``, and return the report.
+    """Write ``report.md`` and its PNG figures from the records in ``folder``, into it, and return the report.
 
     ``content`` is the content hash of the study file whose records are used, by default that of the last record.
     Raises InputError if there is no such record, or no run without an error.
@@ -232,7 +232,7 @@ def table_of(reports: Sequence[Report]) -> str:
 
 
 def _page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
-    """Return the page in Markdown: errors, ``figures``, costs, runs with errors, and the number of records left out."""
+    """Return the page in Markdown: errors, ``figures`` (file names), costs, failed runs, count ``left_out``."""
     errors_line = tables.differences_sentence(report.series) if report.compares else tables.error_sentence(records)
     parts = [f"# {report.title}", table_of([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]

@@ -66,7 +66,7 @@ def check_study(study: Study) -> None:
 
 
 def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
-    """Return the scene with equal time steps of at most ``step_per_spacing`` times ``spacing``, unchanged without both.
+    """Return the scene with equal time steps up to ``step_per_spacing`` times ``spacing``, unless either is None.
 
     Raises SceneError if the scene's problem has no time step.
     """
@@ -82,8 +82,8 @@ def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | No
 def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_progress) -> Record:
     """Solve the scene of a run, and return the record: parameters, errors, work and seconds.
 
-    After a ResolutionError or a ConvergenceError, or if the error is too large to record, the record has the parameters
-    and a message instead.
+    ``truth`` are the reference values. After a ResolutionError or ConvergenceError, or if the error is too large to
+    record, the record has the parameters and the entry ``error``, a message. Other errors are raised.
     """
     named = {"study": study.name, "title": study.title, "content": study.content}
     record: Record = {**named, "reference": study.exact.reference, **run.as_dict()}
@@ -104,7 +104,7 @@ def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_p
 
 
 def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> Solution:
-    """Solve a scene by the method of a run; ``options`` are the options that all runs share."""
+    """Return the solution of a scene by the method of ``run``; ``options`` of ``solve`` are those of all runs."""
     if run.method == REFINED:
         return solve_on_refined_mesh(scene, cast("float", run.spacing), progress=progress, **options)
     set_by = lattice_methods()
@@ -125,7 +125,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
 
 
 def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
-    """Return the measured entries of a record: errors at the reference points, work, iterations and warnings."""
+    """Return a record's measured entries by name: errors at the points of ``truth``, work, iterations, warnings."""
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
     trade = solution.solve_history
@@ -154,7 +154,7 @@ def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
 
 
 def costs_in_memory(solution: Solution, measured: int | None) -> Record:
-    """Return the entries of a record on peak memory: the bytes ``measured``, else predicted, None without a lattice."""
+    """Return the entries ``bytes`` and ``bytes_are``: ``measured`` or, if None, predicted; None without a lattice."""
     if measured is not None:
         return {"bytes": measured, "bytes_are": "measured"}
     options, scene = lattice_options(solution.discretized), solution.scene

@@ -59,7 +59,7 @@ def expand_names(table: Any) -> dict[str, str]:
 
 
 def expand(formula: str, known: Mapping[str, str]) -> str:
-    """Return ``formula`` with names replaced by the ``known`` formulas; text that does not parse is returned unchanged.
+    """Return ``formula`` with names replaced by ``known`` formulas, by name; text that does not parse is unchanged.
 
     Raises SceneError if the result is too long: each further name of [let] may double the length.
     """
@@ -166,7 +166,7 @@ class Study:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Keyword arguments of ``solve`` that all runs share."""
+        """Keyword arguments of ``solve`` that all runs share, from [discretization] and [solver], without spacing."""
         return read_options(self.tables)[1]
 
 
@@ -212,9 +212,10 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
 
 
 def _named_files(value: Any, folder: Path) -> Iterator[Path]:
-    """Yield the files named by any text in tables and lists, under whatever key, since plugins have keys of their own.
+    """Yield the existing files named by texts in tables and lists, under any key, since plugins have their own keys.
 
-    A formula that equals the name of a file counts too; if that file changes, runs are made again without need.
+    They are searched first in ``folder``. A formula that equals the name of a file counts too: a change of the file
+    repeats runs without need.
     """
     if isinstance(value, str):
         with suppress(InputError, OSError, ValueError):  # not the name of a file

@@ -39,7 +39,7 @@ def lattice_methods() -> dict[str, dict[str, Any]]:
 
 
 def listed_options() -> dict[str, str]:
-    """Return the options of which a study may list values, each with the key of its list in [sweep]."""
+    """Return the options of LISTED_FORM of which a study may list values, each with its key in [sweep]."""
     return {
         name: entry.plural or f"{name}s"
         for name, entry in declared_options(FORMS[LISTED_FORM]).items()
@@ -60,7 +60,7 @@ def _form_options_of(method: str) -> Any:
 
 
 def read_sweep(table: Mapping[str, Any]) -> Sweep:
-    """Return the sweep in the table [sweep]; raise SceneError if a key or value is not accepted."""
+    """Return the sweep that the ``table`` [sweep] describes; raise SceneError if a key or value is not accepted."""
     lists = {name: key for name, key in listed_options().items() if key in table}
     own = {key: value for key, value in table.items() if key not in lists.values()}
     make = partial(Sweep, {name: table[key] for name, key in lists.items()})
@@ -168,7 +168,7 @@ class Sweep:
         return list(dict.fromkeys(every))
 
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
-        """Yield the options and the number of the lattice's position (None: the default) of each run of a method."""
+        """Yield pairs (options as (name, value), number of the lattice position or None for the default) by run."""
         names, form = listed_of(method), _form_options_of(method)
         checks = declared_options(form)
         accepted = [[value for value in self.lists.get(name, ()) if checks[name].accepts(value)] for name in names]
@@ -206,13 +206,13 @@ class Run:
         return dict(self.targets)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the parameters of a record as plain values; None for options that the method does not have."""
+        """Return the run's entries of a record, plain values by name; None for options that the method lacks."""
         options = dict.fromkeys(listed_options()) | dict(self.options)
         target = {f"asked_{name}": self.target.get(name) for name in TARGETS}
         return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 
     def shift(self, dim: int, unit: float | None = None) -> Floats:
-        """Return the lattice's shift (d,): zero without an origin, else random up to ``unit`` or the spacing."""
+        """Return the lattice shift (``dim``,): zero without an origin, else uniform in [0, ``unit`` or the spacing)."""
         if self.origin is None:
             return np.zeros(dim)
         positions = np.random.default_rng(1).uniform(0, 1, (self.origin + 1, dim))

@@ -12,7 +12,7 @@ from cpmkit.studies.sweep import TARGETS, listed_options
 
 
 def table_row(cells: Sequence[str]) -> str:
-    """Return a row of a Markdown table."""
+    """Return a row of a Markdown table with the texts ``cells``."""
     return f"| {' | '.join(cells)} |"
 
 
@@ -44,7 +44,7 @@ def orders_table(series: Sequence[Series]) -> str:
 
 
 def error_sentence(records: Sequence[Record]) -> str:
-    """Return the sentence that explains the numbers of :func:`orders_table`."""
+    """Return the sentence that defines the errors in :func:`orders_table` of these records, and the order."""
     origins = {record["origin"] for record in records if record["origin"] is not None}
     error = "the greatest error at any sample point"
     if origins:
@@ -55,8 +55,8 @@ def error_sentence(records: Sequence[Record]) -> str:
 def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     """Return a Markdown table of errors, unknowns, queries, iterations, seconds and memory of each series and spacing.
 
-    ``studies`` sequence of (str, sequence of Series): the title of each study, shown where there are several, and its
-        series.
+    ``studies`` has the title of each study, shown where there are several, and its series. Rows of a study are sorted
+    from the coarsest spacing.
     """
     heads = ["greatest error", "rms error", "unknowns", "queries", "iterations", "CPU seconds", "MiB"]
     titled = len(studies) > 1
@@ -124,7 +124,7 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
 
 
 def differences_sentence(series: Sequence[Series]) -> str:
-    """Return the sentence that explains the numbers of :func:`comparison_table`."""
+    """Return the sentence that defines the differences in :func:`comparison_table` of these series."""
     return (
         f"Differences from the solution of the back end {series[0].reference!r}, whose own error is not known, in "
         "percent of half its range: the root mean square, with the mean difference kept in and removed; the largest; "
@@ -165,7 +165,7 @@ def attempts(series: Sequence[Series]) -> list[Attempt]:
 def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
     """Return the Pareto front: the attempts with errors below those of all that cost no more, the cheapest first.
 
-    Attempts without a recorded ``cost`` are left out.
+    ``cost`` is a key of :data:`COSTS`. Attempts of which it is not recorded (nan) are left out.
     """
     best: list[Attempt] = []
     priced = [attempt for attempt in made if not math.isnan(getattr(attempt, cost))]
@@ -178,7 +178,8 @@ def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
 def cheapest_by_decade(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]:
     """Return, for each decade of the errors on the Pareto front, the cheapest attempt with an error of at most 10^k.
 
-    The keys are the whole numbers k, the largest first. Errors below 1e-16 of the range are rounding and count as that.
+    The keys are the integers k, the largest first; ``cost`` is a key of :data:`COSTS`. Errors below 1e-16 are rounding
+    and count as 1e-16.
     """
     on_front = front(made, cost)
     if not on_front:

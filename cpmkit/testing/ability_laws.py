@@ -178,9 +178,10 @@ def check_left(subject: Subject, x: Floats) -> None:
 
 
 def _require_corners(cells: Ints, manifold_dim: int | None) -> None:
-    """Require triangles for surfaces and solids, segments for curves, or points, as for clouds.
+    """Raise AssertionError unless ``cells`` (m, k) are triangles (surfaces, solids), segments (curves) or points.
 
-    Only a union of mixed dimension has rows that end in -1, and no more columns than its largest cells need.
+    Only a union of mixed dimension (``manifold_dim`` None) has rows that end in -1, and no more columns than its
+    largest cells need.
     """
     require(1 <= cells.shape[1] <= 3, f"Cells have shape {cells.shape}.")
     missing = cells < 0
@@ -197,7 +198,7 @@ def _require_corners(cells: Ints, manifold_dim: int | None) -> None:
 
 
 def _require_unit(vectors: Floats, points: Floats) -> None:
-    """Require that vectors are of the shape (n, d) of ``points``, of type float64 and of length one."""
+    """Raise AssertionError unless ``vectors`` have the shape (n, d) of ``points``, type float64 and length one."""
     require(vectors.shape == points.shape, f"There are {vectors.shape} vectors for {points.shape} feet.")
     require(vectors.dtype == np.float64, f"Vectors are {vectors.dtype}, not float64.")
     length = np.linalg.norm(vectors, axis=1)
@@ -205,7 +206,7 @@ def _require_unit(vectors: Floats, points: Floats) -> None:
 
 
 def _require_agreement(first: Floats, second: Floats, points: Floats, message: str) -> None:
-    """Require that ``first`` and ``second`` (n, d) enclose an acute angle at half of the ``points`` at least."""
+    """Raise AssertionError unless ``first`` and ``second`` (n, d) enclose acute angles at half of the n ``points``."""
     opposite = np.einsum("nd,nd->n", first, second) <= 0
     if len(points) and opposite.mean() > 0.5:
         require_rows(~opposite, points, message)
@@ -289,7 +290,7 @@ def _foot_distances(x: Floats, rows: Ints, feet: ClosestPoints) -> Floats:
 
 
 def _require_order(subject: Subject, x: Floats, rows: Ints, feet: ClosestPoints) -> None:
-    """Require that ``rows`` (k,) are whole numbers that ascend, and the feet of each query are ordered by distance."""
+    """Raise AssertionError unless ``rows`` (k,) are int64 and ascend, and each query's feet ascend in distance."""
     require(rows.dtype == np.int64 and rows.shape == (len(feet),), f"{rows.dtype} {rows.shape} rows of {len(feet)}.")
     step = np.diff(rows)
     require((step >= 0).all(), "The rows do not ascend.")
@@ -300,13 +301,13 @@ def _require_order(subject: Subject, x: Floats, rows: Ints, feet: ClosestPoints)
 
 
 def _by_member(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tuple[ClosestPointSource, Ints]]:
-    """Yield each member of a union, or the source itself, with the indices of its feet."""
+    """Yield each member of a union, or the source itself, with the indices (k,) of its points among ``feet``."""
     for number, member in enumerate(members_of(source)):
         yield member, np.flatnonzero(feet.element == number) if isinstance(source, HasMembers) else np.arange(len(feet))
 
 
 def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subject) -> None:
-    """Require that no two feet of a query coincide; ``rows`` (k,) are the queries of the feet."""
+    """Raise AssertionError if two of the k ``feet`` of a query coincide; ``rows`` (k,) are their queries in ``x``."""
     order = np.lexsort((*feet.points.T, rows))
     ahead = np.roll(order, -1)
     apart = np.linalg.norm(feet.points[ahead] - feet.points[order], axis=1)
@@ -315,9 +316,10 @@ def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subje
 
 
 def _require_minima(source: ClosestPointSource, x: Floats, points: Floats, subject: Subject) -> None:
-    """Require that, of two opposite points beside each foot, at least one is no nearer to the query.
+    """Raise AssertionError if, of two opposite points beside a foot, both are nearer to its query.
 
-    The other may be nearer where the foot is beside the edge of a facet.
+    ``x`` (k, d) are the queries, ``points`` (k, d) their feet. One of the two points may be nearer where the foot is
+    beside the edge of a facet.
     """
     step = AROUND_FOOT_SHARE * subject.size * np.random.default_rng(0).normal(size=points.shape)
     both = [source.closest_point(np.ascontiguousarray(points + sign * step)).points for sign in (1.0, -1.0)]

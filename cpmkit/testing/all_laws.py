@@ -16,13 +16,7 @@ LAWS: tuple[Law, ...] = tuple(
 
 
 def run_laws(case: ConformanceCase) -> None:
-    """Check every law on a case.
-
-    Raises
-    ------
-    AssertionError
-        At the first broken law; it names the law, the kind and a query.
-    """
+    """Check every law on a case; raise AssertionError at the first broken law, with the law, the kind and a query."""
     for law in LAWS:
         law(case)
 
@@ -43,13 +37,7 @@ def parametrize_with_laws(cases: Iterable[ConformanceCase]) -> Callable[[Any], A
 
 
 def installed_cases() -> list[ConformanceCase]:
-    """Return the cases of every installed plugin.
-
-    Raises
-    ------
-    PluginError
-        If a plugin does not import.
-    """
+    """Return the cases of every installed plugin. Raises PluginError if a plugin does not import."""
     return [
         case
         for plugin in _installed_plugins()
@@ -59,12 +47,9 @@ def installed_cases() -> list[ConformanceCase]:
 
 
 def kinds_without_case() -> list[str]:
-    """Return the installed kinds of sources for which no plugin supplies a case; solvers need none.
+    """Return the installed kinds of sources for which no plugin supplies a case, sorted; solvers need none.
 
-    Raises
-    ------
-    PluginError
-        If a plugin does not import.
+    Raises PluginError if a plugin does not import.
     """
     sources = {
         kind for plugin in _installed_plugins() if hasattr(plugin, "cpmkit_sources") for kind in plugin.cpmkit_sources()

@@ -174,7 +174,7 @@ def check_bounds(subject: Subject, x: Floats) -> None:
 
 
 def _require_arrays(feet: ClosestPoints, x: Floats) -> None:
-    """Require the shapes and types of all arrays of an answer to queries ``x`` (n, d)."""
+    """Raise AssertionError unless all arrays of the answer ``feet`` to queries ``x`` (n, d) have shape and type."""
     n, dim = x.shape
     expected = {
         "points": ((n, dim), np.float64),

@@ -70,7 +70,7 @@ class Subject:
     answers: dict[bytes, ClosestPoints] = field(default_factory=dict)
 
     def round_off(self, x: Floats) -> Floats:
-        """Return the error (n,) that rounding may cause in the answers to queries ``x`` (n, d)."""
+        """Return the length (n,) that rounding may move the answers to queries ``x`` (n, d)."""
         largest = np.abs(x).max(axis=1) + np.abs(self.source.bounds).max() + self.size
         allowed: Floats = ROUND_OFF_SHARE * largest
         return allowed
@@ -101,10 +101,10 @@ def subject(case: ConformanceCase) -> Subject:
 
 
 def _check_queries(subject: Subject, check: Callable[[Floats], None], near: bool, together: bool) -> None:
-    """Call ``check`` with batches of queries (n, d), or with all ``together``; a failing batch is made small.
+    """Call ``check`` with batches of queries (n, d), or once with all if ``together``.
 
-    Queries are the same in every run: around the bounds, far out, and on the manifold; with ``near`` they lie within
-    the case's radius.
+    Queries are the same in every run: around the bounds, far out, and on the manifold; if ``near`` within the case's
+    radius. If ``check`` raises, the exception for a small batch on which it raises too is raised.
     """
     try:
         batches = _batches(subject, near)
@@ -197,7 +197,7 @@ def _tube(subject: Subject) -> st.SearchStrategy[Floats]:
 def law(
     where: Literal["", "anywhere", "near", "near unless exact"] = "", ability: Any = object, together: bool = False
 ) -> Callable[[Callable[..., None]], Law]:
-    """Return a decorator that makes a law of a check of a subject, or of a subject and queries (n, d).
+    """Return a decorator of a check of a subject, or of a subject and queries (n, d), to a function of a case.
 
     ``where``: where queries lie: anywhere, near (within the case's radius), or near unless the source is exact. Empty
         if the check takes no queries.
@@ -206,7 +206,7 @@ def law(
     """
 
     def decorate(check: Callable[..., None]) -> Law:
-        """Return the law of a check: a function of a case that names the law in errors."""
+        """Return the law of a check: a function of a case that raises AssertionError with the law's name."""
 
         @wraps(check)
         def check_case(case: ConformanceCase) -> None:
@@ -238,7 +238,7 @@ def require(condition: Any, message: str) -> None:
 
 
 def require_rows(condition: Any, x: Floats, message: str, values: NDArray[Any] | None = None) -> None:
-    """Raise AssertionError with the first query of ``x`` (n, d) whose ``condition`` (n,) is false, and its value."""
+    """Raise AssertionError if a ``condition`` (n,) is false: ``message``, the row of ``values``, and that of ``x``."""
     failing = np.flatnonzero(~condition)
     if len(failing):
         first = failing[0]
@@ -247,7 +247,7 @@ def require_rows(condition: Any, x: Floats, message: str, values: NDArray[Any] |
 
 
 def require_refusal(call: Callable[[], object], fault: str) -> None:
-    """Require that a ``call`` with a ``fault``, in words, raises InputError."""
+    """Raise AssertionError unless ``call()``, whose queries have the ``fault`` in words, raises InputError."""
     try:
         call()
     except InputError:
@@ -258,5 +258,5 @@ def require_refusal(call: Callable[[], object], fault: str) -> None:
 
 
 def certain(feet: ClosestPoints) -> Bools:
-    """Return a mask (n,) of the feet that are not doubtful."""
+    """Return a mask (n,): True where ``feet`` are not marked as doubtful; all True if the source marks none."""
     return np.ones(len(feet), dtype=np.bool_) if feet.doubtful is None else ~feet.doubtful

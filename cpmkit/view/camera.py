@@ -33,7 +33,7 @@ def fit(points: Floats, more: Floats, width: int, look: Look) -> Camera:
 
     In the plane the model is seen from above, else from ``look.view``, with ``look.up`` vertical as far as the view
     allows; by default y is up if the model stands on its lowest y, else z. The height of the picture follows from the
-    model. Raises InputError if ``view`` and ``up`` of the look are parallel, or one is zero.
+    model. Raises InputError if ``view`` and ``up`` of the look are parallel, or either is zero.
     """
     if points.shape[1] == 2:
         points = np.pad(points, ((0, 0), (0, 1)))
@@ -61,8 +61,9 @@ def fit(points: Floats, more: Floats, width: int, look: Look) -> Camera:
 def stability(points: Floats, axis: int) -> float:
     """Return how stably a model ``points`` (n, 3) stands with ``axis`` up: zero or negative if it would fall over.
 
-    It is the distance of the mean of the points from the rim of the base, over their breadth. The base is the convex
-    hull of the points in the lowest 3 percent of the height; without area the result is zero.
+    It is the distance of the horizontal mean of the points from the rim of the base, over the diagonal of their
+    horizontal bounds. The base is the convex hull of the points in the lowest 3 percent of the height; if it has no
+    area, the result is zero. ``axis`` is 0, 1 or 2.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -82,8 +83,9 @@ def stability(points: Floats, axis: int) -> float:
 def axes_of(view: Any, up: Any) -> Floats:
     """Return the axes (3, 3) of a camera: rows to the right, up, and towards the viewer.
 
-    By default z is up, and the view is a three-quarter one from the front, right and above; models with y up face
-    along z. Raises InputError if ``view`` or ``up`` is zero, or the two are parallel.
+    ``view`` (3,) points from the model to the camera; None: from the front, right and above, where the front of a model
+    with y up is along z. ``up`` is "x", "y", "z" or (3,); None is z. Raises InputError if a vector is zero, or the two
+    are parallel.
     """
     upward = _unit(np.eye(3)["xyz".index(up)] if isinstance(up, str) else up or (0.0, 0.0, 1.0), "up")
     axis = int(np.abs(upward).argmax()) if np.abs(upward).max() > 0.999 else 2

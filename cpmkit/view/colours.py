@@ -30,7 +30,7 @@ class Bar:
         return np.asarray(self.table[np.round((len(self.table) - 1) * self.shares(values)).astype(np.int64)])
 
     def contrasting(self, values: Floats) -> Floats:
-        """Return colours (n, 3), dark or light, that are visible on the colours of values (n,)."""
+        """Return colours (n, 3), dark grey on bright colours of values (n,) and light grey on dark ones."""
         luminance = self.colours(values) @ np.array((0.3, 0.59, 0.11))
         return np.where(luminance[:, None] > 0.25, INK, np.array((0.9, 0.9, 0.9)))
 
@@ -80,18 +80,18 @@ def letter_size(width: int, share: float) -> float:
 
 
 def bar_share(label: str) -> float:
-    """Return the share of the width that the colour bar's column takes in large pictures."""
+    """Return the share of the width that the colour bar takes in large pictures: more with a ``label`` than without."""
     return 0.16 if label else 0.12
 
 
 def model_width(width: int, bar: bool, label: str) -> int:
-    """Return the width in pixels of the model in a picture of ``width`` pixels, beside a colour bar if ``bar``."""
+    """Return the model's width in pixels in a picture of ``width`` pixels, with a bar with ``label`` if ``bar``."""
     share = bar_share(label)
     return width - round(share * letter_size(width, share) / LETTER_SIZE) if bar else width
 
 
 def compose(model: Floats, bar: Bar | None, title: str, width: int) -> Any:
-    """Return the whole picture (rows, columns, 3) as bytes: the model (r, c, 3) with title and colour bar."""
+    """Return the picture (rows, width, 3) uint8: the model (r, c, 3), from 0 to 1, and, if any, title and bar."""
     parts = [as_bytes(model)]
     if bar is not None:
         letters = letter_size(width, bar_share(bar.label))
@@ -113,7 +113,7 @@ def picture_sheet(tiles: Sequence[Floats], titles: Sequence[str], columns: int) 
 
 
 def title_strip(title: str, columns: int, width: int) -> Any:
-    """Return a strip of bytes (r, columns, 3) with a title, in letters that suit a picture of ``width``."""
+    """Return a white strip (r, columns, 3) uint8 with a title, in letters for a picture of ``width`` pixels."""
     letters = max(LETTER_SIZE * width, LEAST_LETTER)
     figure = _figure(round(3.575 * letters), columns)
     size = min(1.3 * letters, columns / (LETTER_BREADTH * len(title)))
@@ -123,7 +123,7 @@ def title_strip(title: str, columns: int, width: int) -> Any:
 
 @lru_cache(maxsize=1)
 def _bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
-    """Return the picture of a colour bar as bytes (rows, columns, 3), with ticks and label in letters of this size."""
+    """Return a colour bar with ticks and label as uint8 (rows, columns, 3); ``letters`` is their size in pixels."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
@@ -145,7 +145,7 @@ def _figure(rows: int, columns: int) -> Any:
 
 
 def _drawn_bytes(figure: Any) -> Any:
-    """Return a figure of matplotlib as bytes (rows, columns, 3)."""
+    """Return a figure of matplotlib, rendered, as uint8 (rows, columns, 3)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     canvas: Any = FigureCanvasAgg(figure)
@@ -154,5 +154,5 @@ def _drawn_bytes(figure: Any) -> Any:
 
 
 def as_bytes(colours: Floats) -> Any:
-    """Return colours from 0 to 1 as bytes."""
+    """Return ``colours``, of any shape, from 0 to 1 and clipped there, as uint8 from 0 to 255."""
     return np.round(255 * np.clip(colours, 0, 1)).astype(np.uint8)

@@ -40,7 +40,7 @@ class Shapes:
 
     @classmethod
     def join(cls, parts: list[Shapes]) -> Shapes:
-        """Return all triangles of several shapes as one."""
+        """Return all vertices and triangles of ``parts`` as one object; it is empty for no parts."""
         parts = [cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)), *parts]
         starts = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
         return cls(
@@ -63,7 +63,8 @@ def lines(camera: Camera, segments: Floats, width: float, colour: Any, lift: flo
 def ribbons(starts: Floats, ends: Floats, half_width: float) -> tuple[Floats, Ints]:
     """Return vertices (4 s, 3) and triangles (2 s, 3) of rectangles along segments that face the viewer.
 
-    A rectangle is a little longer than its segment; its first two vertices are at the start, the others at the end.
+    ``starts`` and ``ends`` are (s, 3) in the camera's axes. A rectangle is longer by ``half_width`` than its segment;
+    its first two vertices are at the start, the others at the end.
     """
     along = (ends - starts)[:, :2]
     length = np.linalg.norm(along, axis=1, keepdims=True)
@@ -77,10 +78,10 @@ def ribbons(starts: Floats, ends: Floats, half_width: float) -> tuple[Floats, In
 
 
 def discs(centres: Floats, normals: Floats, radii: Floats, corners: int = DISC_CORNERS) -> tuple[Floats, Ints]:
-    """Return vertices (corners p, 3) and triangles of discs about ``centres`` (p, 3) of ``radii`` (p,).
+    """Return vertices (corners p, 3) and triangles ((corners - 2) p, 3) of discs about ``centres`` (p, 3).
 
-    All are in the camera's axes. The discs are normal to ``normals`` (p, 3), of unit length and any sign; with a normal
-    of zero they face the viewer.
+    ``radii`` are (p,); all are in the camera's axes. Discs are normal to ``normals`` (p, 3), of unit length and any
+    sign; with a normal of zero they face the viewer.
     """
     normals = np.where(normals.any(axis=1, keepdims=True), normals, np.array([0, 0, 1.0]))
     first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
@@ -163,12 +164,12 @@ def draw(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, li
 
 
 def in_space(points: Floats) -> Floats:
-    """Return points of the plane as (n, 3) with z = 0, points of space as they are."""
+    """Return points (n, 2) of the plane as (n, 3) with z = 0, and points (n, 3) unchanged."""
     return points if points.shape[1] == 3 else np.pad(points, ((0, 0), (0, 1)))
 
 
 def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int) -> tuple[Camera, Floats, Floats]:
-    """Return the camera, and segments (s, 2, 3) and points (k, 3) of boundaries and doubled nodes over the mesh."""
+    """Return the camera, segments (s, 2, 3) and points (k, 3) of boundaries and doubled nodes that ``look`` shows."""
     curves, pins = [np.zeros((0, 2, 3))], [np.zeros((0, 3))]
     for boundary in solution.scene.boundaries if look.curves else ():
         if isinstance(boundary.source, HasMesh):
@@ -202,13 +203,13 @@ def outlines(drawing: Drawing) -> Shapes:
 
 
 def mesh_edges(drawing: Drawing) -> Shapes:
-    """Return all edges of the mesh as lines."""
+    """Return all edges of the drawing's mesh triangles as grey lines, rectangles in the camera's axes."""
     edges = Connectivity(drawing.triangles[: drawing.mesh_triangles], len(drawing.points)).edges.ends
     return lines(drawing.camera, drawing.points[edges], 0.0008, (0.35, 0.35, 0.38))
 
 
 def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar) -> Shapes:
-    """Return lines where ``values`` (v,) at the mesh's vertices, linear in each triangle, equal one of ``levels``."""
+    """Return lines where ``values`` (v,), linear in triangles, equal ``levels``, in contrast to colours of ``bar``."""
     triangles, points = drawing.triangles[: drawing.mesh_triangles], drawing.points
     segments_of_level = [np.zeros((0, 2, 3))]
     for level in levels:

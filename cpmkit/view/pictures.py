@@ -47,7 +47,7 @@ class Picture:
 
 
 def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
-    """Draw a solution, or its estimated error, into a PNG file.
+    """Draw a solution, or its estimated error, into a PNG file, and return its path and the camera in words.
 
     All modes of an eigenvalue problem are drawn on one sheet, unless ``channel`` selects one.
 
@@ -100,7 +100,7 @@ def check_look(look: Look) -> None:
 
 
 def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
-    """Return the picture (rows, columns, 3) of a solution or of all modes, as bytes, and its camera's description."""
+    """Return the picture (rows, columns, 3) uint8 of a solution, or of all modes, and the camera in words."""
     mesh = solution.display_mesh()
     bar: Bar | None
     if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
@@ -118,7 +118,8 @@ def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
 def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None, columns: int = 1) -> Drawing:
     """Return the drawing of a mesh with the lines that do not depend on values, for one of several ``columns``.
 
-    It is shaded if the look asks for it, and by default if there is no colour bar; else it has outlines.
+    ``bar`` is the colour bar beside it, None if there is none. It is shaded if ``look.light`` is "shaded", or None and
+    there is no bar; else it has outlines.
     """
     lit = look.light == "shaded" or (look.light is None and bar is None)
     width = model_width(look.width, bar is not None, bar.label if bar else "")
@@ -128,7 +129,7 @@ def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: B
 
 
 def mode_bar(mesh: DisplayMesh, look: Look) -> Bar:
-    """Return the colour bar of all modes: by default symmetric about zero, in colours for values of both signs."""
+    """Return the colour bar of all modes, channels of ``mesh``: by default symmetric about zero, in ``coolwarm``."""
     most = float(np.abs(mesh.values).max())
     cmap = "coolwarm" if look.cmap == Look.cmap else look.cmap
     return make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
@@ -137,7 +138,8 @@ def mode_bar(mesh: DisplayMesh, look: Look) -> Bar:
 def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
     """Return values (v, 1) at the mesh's vertices and their colour bar, or colours (v, 3) and None.
 
-    Raises InputError as :func:`check_channels` does, and CpmkitError if a requested error cannot be estimated.
+    The values are of the channel, the length of vectors or the error that ``look`` selects. Raises InputError as
+    :func:`check_channels` does, and CpmkitError if a requested error cannot be estimated.
     """
     values, label, count = mesh.values, look.label, mesh.values.shape[1]
     check_channels(look, count, mesh.points.shape[1])
@@ -155,7 +157,7 @@ def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tup
 
 
 def shade(drawing: Drawing, mesh: DisplayMesh, values: Floats, bar: Bar | None, look: Look) -> Floats:
-    """Return the image (rows, columns, 3), from 0 to 1, of a drawing with its values, isolines and arrows."""
+    """Return the image (rows, columns, 3), from 0 to 1, with ``values`` (v, 1), or colours (v, 3) if no bar."""
     from cpmkit.view.raster import pixels  # numba is imported here
 
     ink = [drawing.ink]
@@ -228,7 +230,7 @@ def check_film(path: Path) -> None:
 
 
 def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
-    """Yield the picture (rows, columns, 3) of each frame, as bytes, with its time in the title.
+    """Yield the picture (rows, columns, 3) uint8 of each frame, with its time in the title and a common colour bar.
 
     Raises InputError if the solution has no frames.
     """
@@ -245,7 +247,7 @@ def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
 
 
 def _write_gif(images: Iterator[Any], path: Path, fps: float) -> None:
-    """Write pictures (rows, columns, 3) as a GIF file that repeats for ever, without dithering."""
+    """Write pictures (rows, columns, 3) uint8, ``fps`` a second, as a GIF that repeats for ever, not dithered."""
     from PIL import Image
 
     first, *others = [Image.fromarray(image).quantize(256, dither=Image.Dither.NONE) for image in images]
@@ -253,7 +255,7 @@ def _write_gif(images: Iterator[Any], path: Path, fps: float) -> None:
 
 
 def _write_mp4(images: Iterator[Any], path: Path, fps: float) -> None:
-    """Write pictures (rows, columns, 3) as an MP4 file, padded to even numbers of rows and columns."""
+    """Write pictures (rows, columns, 3) uint8, ``fps`` a second, as an MP4, padded to even rows and columns."""
     import imageio.v2
 
     opened: Any = imageio.v2.get_writer(path, format="FFMPEG", fps=fps, quality=8, macro_block_size=2)

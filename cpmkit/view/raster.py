@@ -99,9 +99,9 @@ SAMPLES = 3
 
 
 def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Floats:
-    """Return the picture (rows, columns, 3), from 0 to 1, of a drawing with given values.
+    """Return the picture (rows, columns, 3), from 0 to 1, of a drawing with ``values`` at the mesh's vertices.
 
-    ``values`` (v, 1) or (v, 3): at the mesh's vertices: values on the scale of ``bar``, or colours.
+    ``values`` (v, 1): on the scale of ``bar``; or, if it is None, (v, 3): colours from 0 to 1.
     ``ink``: shapes with colours of their own, drawn at their depth together with the model.
     """
     paint = values if bar is None else bar.shares(values)

@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
     """Return the HTML page of a solution, with a slider over frames in time or over modes.
 
-    ``**options``: options of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are not drawn.
+    ``**options``: options of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are not drawn. Raises
+    InputError if an option is not accepted or the surface has no mesh, MissingDependencyError without matplotlib.
     """
     look = Look.of(options, "a page")
     check_look(look)
@@ -66,7 +67,7 @@ def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
 
 
 def _fill_template(title: str, data: dict[str, Any]) -> str:
-    """Return the page's template with title and data filled in, in one pass, so that neither may hold a placeholder.
+    """Return the HTML page with the text ``title`` and the JSON of ``data``, each escaped, in the packaged template.
 
     The content security policy allows only the page's own script and style, by their hashes.
     """
@@ -85,7 +86,7 @@ def _fill_template(title: str, data: dict[str, Any]) -> str:
 
 
 def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
-    """Return the mesh, the list of (name, values) among which the slider selects, and their bar, None for colours."""
+    """Return the mesh, pairs (name, values (v,) or (v, 1), or colours (v, 3)) for the slider, and the bar or None."""
     if isinstance(solution, EigenRecord) and look.channel is None:
         mesh = solution.display_mesh()
         return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), mode_bar(mesh, look)
@@ -102,7 +103,7 @@ def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, l
 
 
 def _ticks(bar: Bar) -> list[tuple[float, str]]:
-    """Return the ticks of a colour bar: the place of each from 0 to 1, and its text."""
+    """Return about seven ticks of a colour bar, as pairs (place on the bar from 0 to 1, text)."""
     from matplotlib.ticker import MaxNLocator
 
     places = [tick for tick in MaxNLocator(7).tick_values(*bar.ends) if bar.ends[0] <= tick <= bar.ends[1]]
@@ -111,7 +112,7 @@ def _ticks(bar: Bar) -> list[tuple[float, str]]:
 
 
 def _as_base64(array: Any, kind: str) -> str:
-    """Return the bytes of an array, converted to the type ``kind``, in base 64."""
+    """Return the bytes of an array, row by row, converted to the NumPy type ``kind``, in base 64."""
     return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode("ascii")
 
 
