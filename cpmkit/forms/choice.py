@@ -54,7 +54,8 @@ def cost_model(scene: Scene, options: Options[Any]) -> CostModel[Any]:
 def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) -> tuple[Options[Any], dict[str, Any]]:
     """Return the options of a scene's discretisation that are among the arguments ``given``, and the other arguments.
 
-    Raises InputError if there is no spacing, an option belongs to another form, or a value is not accepted.
+    ``spacing`` is None if not given. Raises InputError if it is needed, an option belongs to another form, or a value
+    is not accepted; warns of old names of options.
     """
     given = current_keywords(given, RENAMED_OPTIONS)
     form, reason = choose_form(scene, given)

@@ -256,7 +256,7 @@ class FormValues(FormOperators):
     def rows(self, points: Floats, side: Sides = None) -> csr_array:
         """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d).
 
-        ``side`` is the side from which points on boundaries are read: of all boundaries, or by name; None for either.
+        ``side`` is the side from which points on boundaries are read, for all or by name; None leaves it to the form.
         """
 
     def evaluate(self, u: Floats, points: Any, side: Sides = None) -> Floats:

@@ -218,7 +218,7 @@ class CostModel(ABC, Generic[Own]):
         return {name: round(max(growth.at(self.options.spacing), fine[name])) for name, growth in growths.items()}
 
     def band_unknowns(self, source: LocalSource) -> float:
-        """Return about the number of unknowns in a band of the options' spacing around ``source``; 0 for a point."""
+        """Return the approximate number of unknowns in a band around ``source`` at the spacing; 0 for a point."""
         if source.largest_dim == 0:
             return 0.0
         degree: int = getattr(self.options.own, "degree")  # noqa: B009
@@ -253,10 +253,9 @@ class Growth:
 
 
 def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
-    """Return the growth through two pairs (spacing, count), ``coarse`` at the larger spacing; m is that of Growth.
+    """Return the growth through two pairs (spacing, number); m is the dimension of the manifold.
 
-    Where a term would be negative, as the coarse lattice does not resolve the manifold, it is ``a / h^m`` from
-    ``fine``.
+    Where a term would be negative, as the coarse lattice does not resolve the manifold, ``fine`` alone gives a, b = 0.
     """
     (h, n), (wide, few) = fine, coarse
     b = (few * wide**m - n * h**m) / (wide - h)

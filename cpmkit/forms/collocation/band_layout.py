@@ -99,7 +99,7 @@ def with_data_of(layout: Layout, scene: Scene) -> Layout:
 
 
 def _with_meetings(layout: Layout, time: float | None) -> Layout:
-    """Return the layout with the places, unresolved by the spacing, where boundaries meet; data are at ``time``."""
+    """Return the layout with the unresolved places where boundaries meet; their data are compared at ``time``."""
     boundaries, lattice, channels = layout.boundaries, layout.lattice, layout.channels
     meetings = find_meetings(boundaries, lattice, channels, time)
     return replace(layout, meetings=meetings + find_mixed_sides(boundaries, lattice, channels, time))

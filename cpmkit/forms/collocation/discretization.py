@@ -91,9 +91,9 @@ class Discretization:
         return values
 
     def read_at_rows(self, data: Any, label: str, channels: int | None = 1) -> Floats:
-        """Return ``data``, ``label`` in errors, (rows, channels) at all rows of E; channels None: as the data have.
+        """Return a coefficient (rows, channels), called ``label`` in errors, at all rows of E.
 
-        Ghosts read them on the side that they continue.
+        Ghosts read it on the side that they continue. ``channels`` None means as many as the ``data`` have.
         """
         formulas = [self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)]
         points = [self.layout.lattice.to_scene(formula.points) for formula in formulas]
@@ -164,10 +164,11 @@ def read_only(matrix: csr_array) -> csr_array:
 
 
 def _neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
-    """Return the rows of E (unknowns, 2 d) that the difference stencil of each unknown reads; ``centres`` are of rows.
+    """Return the rows of E (unknowns, 2 d) that the difference stencil of each unknown reads.
 
-    A neighbour on the other side of a boundary is read through its ghost. The stencil of a ghost reads the ghost of a
-    neighbour that is on its own node's side, and the node itself on the side that it continues, or past an open end.
+    ``centres`` are those of the interpolation stencils of all rows of E. A neighbour on the other side of a boundary is
+    read through its ghost. The stencil of a ghost reads the ghost of a neighbour that is on its own node's side, and
+    the node itself on the side that it continues, or past an open end.
     """
     band = unknowns.band
     nodes = np.concatenate([np.arange(band.inner), *(group.nodes[: group.unknowns] for group in unknowns.ghosts)])

@@ -193,11 +193,9 @@ class Collocation(Reader):
     ) -> Floats:
         """Return ``data`` at the unknowns (n, channels), continued across boundaries and edges by their conditions.
 
-        ``label`` is the data's name in errors. The conditions' data are those at ``time``, or with a ``step`` above
-        zero
-        their difference quotients over it. ``in_range`` is ignored. Ghosts satisfy the conditions, because with the
-        data
-        at their closest points they would be wrong by the order of the spacing.
+        ``label`` is the data's name in errors. The conditions' data are those at ``time``, or with ``step`` > 0 their
+        difference quotients over it. ``in_range`` is ignored. Ghosts satisfy the conditions, because with the data at
+        their closest points they would be wrong by the order of the spacing.
         """
         datum = self.tables.datum(time)
         if step:

@@ -156,7 +156,7 @@ def with_smooth_means(tables: Discretization, border: Border) -> Border:
 def describe_imbalances(
     tables: Discretization, scene: Scene, operator: Bordered, imbalances: Iterable[Imbalance]
 ) -> tuple[Imbalance, ...]:
-    """Return ``imbalances``, one a piece of the border, with new size, explained, near, share and bounded_by.
+    """Return the ``imbalances``, one for each piece of the border, with size, explained, near, share and bounded_by.
 
     The lowest order of the conditions, 1 or 2, decides how large an imbalance the spacing explains.
     """

@@ -196,7 +196,7 @@ def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mappi
 def _interpolant_gradient(
     reader: Reader, values: Floats, feet: ClosestPoints, side_views: Sequence[SideView]
 ) -> Floats:
-    """Return the gradient (n, channels, d) of the interpolant at ``feet``, projected on the tangent space."""
+    """Return the tangential gradient (n, channels, d), at ``feet``, of the interpolant of ``values`` at unknowns."""
     unknowns = reader.tables.unknowns
     cells, fractions = stencil_cells(feet.points, unknowns.band.spacing, unknowns.band.degree)
     columns = unknowns.select(Centres.of_points(feet, side_views), stencil_nodes(unknowns.band, cells))

@@ -144,9 +144,8 @@ class BoundaryOnLattice:
     def _from_point(self, on_surface: ClosestPoints, offset: Floats, spacing: float) -> Floats:
         """Return the directors T (z - y) (n, d) of a boundary that is a point y, T the tangential projection at y.
 
-        ``offset`` (n, d) are z - y, ``on_surface`` the records of y. Where z is y, the director is a tiny vector along
-        a
-        fixed tangent, so that stencils cross the point there too: a whole line of nodes may have this closest point.
+        ``offset`` (n, d) are z - y, ``on_surface`` the records of y. Where z is y, the director is a tiny vector, along
+        a fixed tangent: stencils cross the point there too, as a whole line of nodes may have this closest point.
         King et al. (2024), section 4.5 and eq. 17 without the tangent.
         """
         director = project_tangent(self.surface, on_surface, offset, 0.5 * spacing)

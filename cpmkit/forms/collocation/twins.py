@@ -79,7 +79,7 @@ def separate_sheets(source: LocalSource, band: Band) -> Band:
 
 
 def nodes_between_sheets(band: Band) -> Bools:
-    """Return whether (n,) each node has a neighbour whose foot is above or below its own along one's normal."""
+    """Return whether (n,) each node has a neighbour whose foot is above or below its own, along either normal."""
     h, flagged = band.spacing, np.zeros(len(band.nodes), dtype=bool)
     directions = foot_directions(band)
     normal = np.where((directions.length > ON_FOOT_SPACINGS * h)[:, None], directions.unit, 0.0)

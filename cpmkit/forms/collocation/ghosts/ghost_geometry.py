@@ -146,7 +146,7 @@ class GhostGeometry:
         return self.lattice.to_scene(self.seen.foot[rows])
 
     def sides(self) -> list[tuple[Condition, Ints]]:
-        """Return each condition, or the common one, with the numbers (k,) of the ghosts that continue its side."""
+        """Return each condition, once if both sides share it, with the ghosts (k,) that continue a side with it."""
         boundary = self.boundaries.definitions[self.index]
         left, right = boundary.condition("left"), boundary.condition("right")
         if same_condition(left, right):

@@ -65,7 +65,7 @@ class RimCorners:
     beyond: Floats
 
     def take(self, chosen: Bools) -> RimCorners:
-        """Return the ``chosen`` (k,) nodes."""
+        """Return the records of the nodes that the mask ``chosen`` (k,) marks."""
         return RimCorners(self.rows[chosen], self.points[chosen], self.loops[chosen], self.beyond[chosen])
 
 
@@ -140,8 +140,9 @@ def read_past_edge(
 ) -> RowFormula:
     """Return the formulas of all nodes of the band: each reads its closest point, or past an edge a mirror point.
 
-    At order 1, nodes past the edge read their closest points; so do the nodes ``at_feet``. Raises InputError if beta of
-    a Robin condition is zero, or ResolutionError if the spacing is too coarse for beta.
+    At ``order`` 1 (that of conditions without their own), nodes past the edge read their closest points; so do the
+    nodes ``at_feet``. ``edge`` are the edge's conditions. Raises InputError if beta of a Robin condition is zero, or
+    ResolutionError if the spacing is too coarse for beta.
     """
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
     feet = None if band.sheets is None else band.feet

@@ -222,7 +222,10 @@ def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice
 
 
 def _data_beside(data: Data, side_view: SideView, share: float, lattice: Lattice) -> Floats:
-    """Return ``data`` (n,) ``share`` spacings left of the boundary, < 0: right; raise InputError unless positive."""
+    """Return a conductivity (n,) ``share`` spacings left of the boundary, right of it if ``share`` is negative.
+
+    Raises InputError if it is not positive.
+    """
     points = lattice.to_scene(side_view.foot + share * lattice.spacing * side_view.conormal)
     values = evaluate_data(data, points, 1, "a conductivity of Transmission, or the diffusivity,")[:, 0]
     if np.any(values <= 0):
