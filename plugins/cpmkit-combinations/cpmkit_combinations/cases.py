@@ -89,7 +89,7 @@ def _tilt(of: Any) -> Any:
 
 
 def _case(kind: str, name: str, make: Callable[[], Any], samples: Draw | None = None) -> ConformanceCase:
-    """Return a case that makes its source once, for all laws."""
+    """Return a conformance case whose source ``make`` creates once, with ``samples`` that draw points of it."""
     return ConformanceCase(kind, name, cache(make), samples)
 
 
@@ -143,7 +143,7 @@ def _cap(lowest: float) -> Draw:
 
 
 def _select(draw: Draw, keep: Callable[[Floats], Any]) -> Draw:
-    """Return a draw of the points of another draw that ``keep`` accepts, which must be at least one in eight."""
+    """Return a draw of points of another ``draw`` that ``keep`` accepts, at least one in eight."""
 
     def some(rng: np.random.Generator, n: int) -> Floats:
         drawn = draw(rng, 64 + 8 * n)

@@ -23,7 +23,7 @@ PAST_EDGE_SPACINGS = 0.25
 
 
 class Crossings(NamedTuple):
-    """Points of the cut: in the interior, on the cut nearly, and on the manifold's edge, on the cut to rounding."""
+    """Points of the cut: ``inside`` lie in the interior, near the cut; ``at_edge`` on the edge, exactly on the cut."""
 
     inside: ClosestPoints
     at_edge: ClosestPoints
@@ -54,10 +54,10 @@ def find_crossings(cut: LevelCut) -> Crossings:
 
 
 def sample_near_zero(cut: LevelCut) -> tuple[ClosestPoints, Floats]:
-    """Return samples of the manifold near the zeros of the function, and its values (n,).
+    """Return closest points that sample the manifold near the function's zeros, and the function's values (n,) there.
 
     Blocks that the manifold does not meet, and blocks where the function's value exceeds its estimated variation over
-    the block, are discarded.
+    the block, are discarded. Raise InputError if none remains.
     """
     dim, spacing = cut.surface.dim, cut.spacing
     children = np.stack(np.meshgrid(*[np.arange(2)] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
@@ -111,6 +111,7 @@ def find_bracketed_zeros(function: Callable[[Floats, Ints], Floats], low: Floats
     function : callable
         Of positions (k,) and the numbers (k,) of the functions; returns (k,).
     low, high : (n,) float64
+        Values at 0 and at 1.
     rounds : int
         Largest number of iterations.
     """
@@ -132,7 +133,10 @@ def find_bracketed_zeros(function: Callable[[Floats, Ints], Floats], low: Floats
 
 
 def _opposite_neighbours(points: Floats, values: Floats, reach: float) -> tuple[Ints, Ints]:
-    """Return pairs of samples of opposite sign, the one below zero first: each sample with the nearest of them."""
+    """Return rows (k,) and (k,) of pairs of ``points`` (n, d) with ``values`` <= 0 and > 0 within ``reach``.
+
+    Each point is paired with the nearest point of opposite sign.
+    """
     from scipy.spatial import cKDTree
 
     below, above = np.flatnonzero(values <= 0), np.flatnonzero(values > 0)
@@ -150,7 +154,7 @@ def _opposite_neighbours(points: Floats, values: Floats, reach: float) -> tuple[
 
 
 def _edge_zeros(cut: LevelCut, seeds: ClosestPoints, values: Floats) -> ClosestPoints:
-    """Return the zeros on the edge, each once, along feet of lines beyond the edge."""
+    """Return the zeros on the manifold's edge, each once, between ``seeds`` on it with function ``values`` (n,)."""
     low, high = _opposite_neighbours(seeds.points, values, SIGN_CHANGE_SPACINGS * cut.spacing)
     used, place = np.unique(np.concatenate([low, high]), return_inverse=True)
     if not len(used):
@@ -163,7 +167,7 @@ def _edge_zeros(cut: LevelCut, seeds: ClosestPoints, values: Floats) -> ClosestP
 
 
 def select_apart(points: Floats, distance: float) -> Bools:
-    """Return a mask of points (n, d) of which no two are nearer than ``distance``."""
+    """Return a mask (n,) of ``points`` (n, d): of each pair nearer than ``distance`` the later point is left out."""
     from scipy.spatial import cKDTree
 
     selected = np.ones(len(points), dtype=bool)

@@ -44,33 +44,33 @@ class Cubics:
     coefficients : (m, 4, d) float64
         Of 1, s, s^2 and s^3.
     piece : (m,) int64
-        The connected piece of each, ascending.
+        Number of the connected piece of each cubic, ascending.
     """
 
     coefficients: Floats
     piece: Ints
 
     def at(self, segment: Ints, s: Floats) -> Floats:
-        """Return p (n, d)."""
+        """Return the points p(s) (n, d) of the cubics ``segment`` (n,) at the parameters ``s`` (n,)."""
         a, b, c, d = (self.coefficients[segment, k] for k in range(4))
         s = s[:, None]
         return np.asarray(a + s * (b + s * (c + s * d)))
 
     def slope(self, segment: Ints, s: Floats) -> Floats:
-        """Return dp/ds (n, d)."""
+        """Return the derivatives dp/ds (n, d) of the cubics ``segment`` (n,) at the parameters ``s`` (n,)."""
         b, c, d = (self.coefficients[segment, k] for k in (1, 2, 3))
         s = s[:, None]
         return np.asarray(b + s * (2 * c + 3 * s * d))
 
     @cached_property
     def control(self) -> Floats:
-        """(m, 4, d) control points: each cubic lies in their convex hull."""
+        """(m, 4, d) the Bezier control points: each cubic lies in their convex hull."""
         a, b, c, d = (self.coefficients[:, k] for k in range(4))
         return np.stack([a, a + b / 3, a + (2 * b + c) / 3, a + b + c + d], axis=1)
 
     @cached_property
     def lengths(self) -> Floats:
-        """(m,) arc lengths, by five Gauss points."""
+        """(m,) the arc length of each cubic, by five Gauss points."""
         nodes, weights = np.polynomial.legendre.leggauss(5)
         segments = np.arange(len(self.piece))
         speeds = [norms(self.slope(segments, np.full(len(segments), 0.5 + 0.5 * node))) for node in nodes]
@@ -78,7 +78,7 @@ class Cubics:
 
     @cached_property
     def levels(self) -> list[Capsules]:
-        """The levels of the tree, from one capsule a cubic to at most ``CAPSULE_CHILDREN`` capsules."""
+        """The levels of the tree of capsules, from one for each cubic to at most ``CAPSULE_CHILDREN`` at the top."""
         start, end = self.control[:, 0], self.control[:, 3]
         radius = np.maximum(*(_to_segment(self.control[:, k], start, end) for k in (1, 2)))
         levels, piece = [Capsules(start, end, radius, np.ones(len(start), dtype=bool))], (self.piece, self.piece)
@@ -90,7 +90,7 @@ class Cubics:
         return levels
 
     def nearest(self, x: Floats) -> tuple[Ints, Floats]:
-        """Return for each query (n, d) the cubic that contains the nearest point, and its s."""
+        """Return for each of ``x`` (n, d) the cubic (n,) that contains the nearest point, and its parameter s (n,)."""
         segment, s = np.empty(len(x), dtype=np.int64), np.empty(len(x))
         for start in range(0, len(x), CUBIC_BATCH_QUERIES):
             part = slice(start, start + CUBIC_BATCH_QUERIES)
@@ -107,7 +107,7 @@ class Cubics:
         return leaves[winners], s[winners]
 
     def _candidates(self, x: Floats) -> tuple[Ints, Ints]:
-        """Return pairs of a query and a cubic that may contain its nearest point, the queries ascending."""
+        """Return pairs (k,), (k,) of a row of ``x`` (n, d), ascending, and a cubic that may be nearest to it."""
         top = self.levels[-1]
         rows = np.repeat(np.arange(len(x)), len(top.start))
         nodes = np.tile(np.arange(len(top.start)), len(x))
@@ -128,7 +128,10 @@ class Cubics:
         return rows, nodes
 
     def _descend(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
-        """Return s of the nearest point of one cubic a query, and the distance, by Newton's method in a bracket."""
+        """Return s (n,) of a nearest point to ``x`` (n, d) on the cubics ``segment`` (n,), and the distances (n,).
+
+        Newton's method in a bracket around the nearest of a few points finds it.
+        """
         shares = np.linspace(0.0, 1.0, NEWTON_STARTS + 1)
         s = shares[np.argmin([norms(self.at(segment, np.full(len(x), share)) - x) for share in shares], axis=0)]
         low, high = np.maximum(s - 1 / NEWTON_STARTS, 0.0), np.minimum(s + 1 / NEWTON_STARTS, 1.0)
@@ -168,7 +171,7 @@ def hermite(start: Floats, start_tangent: Floats, end: Floats, end_tangent: Floa
 
 
 def _around(parts: Capsules, first: Ints, last: Ints, whole: Bools) -> Capsules:
-    """Return capsules around runs of capsules, from ``first`` (k,) to ``last`` of each run."""
+    """Return a capsule around each run of ``parts``, from ``first`` (k,) to ``last`` (k,); ``whole`` (k,) is copied."""
     start, end = parts.start[first], parts.end[last]
     run = np.repeat(np.arange(len(first)), last - first + 1)
     off = [_to_segment(points, start[run], end[run]) for points in (parts.start, parts.end)]
@@ -177,7 +180,7 @@ def _around(parts: Capsules, first: Ints, last: Ints, whole: Bools) -> Capsules:
 
 
 def _to_segment(x: Floats, start: Floats, end: Floats) -> Floats:
-    """Return the distances (n,) of points from segments."""
+    """Return the distances (n,) of points ``x`` (n, d) from the segments from ``start`` to ``end`` (n, d)."""
     chord, away = end - start, x - start
     squared = dots(chord, chord)
     share = np.clip(dots(away, chord) / np.where(squared > 0, squared, 1.0), 0.0, 1.0)

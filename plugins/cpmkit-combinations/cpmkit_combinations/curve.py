@@ -38,6 +38,7 @@ class TracedCurve:
     pieces : sequence of Knots
         Relative to ``shift``.
     shift : (d,) float64
+        Translation of all knots.
     """
 
     pieces: Sequence[Knots]
@@ -75,8 +76,8 @@ class TracedCurve:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d).
 
-        ``element`` is the cubic of the foot, ``local`` (n, 1) its parameter from 0 to 1, and ``edge`` 0 at the start
-        and 1 at the end of an open piece.
+        ``element`` is the cubic of the foot, ``local`` (n, 1) its parameter from 0 to 1, and ``edge`` 0 at the start of
+        an open piece, 1 at its end, -1 elsewhere.
 
         Raise InputError if ``x`` does not have shape (n, d) or is not finite.
         """
@@ -89,11 +90,11 @@ class TracedCurve:
         return ClosestPoints(points + self.shift, distance, edge, element, s[:, None])
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit tangents in the direction of travel."""
+        """Return (n, d) unit tangents at closest points ``feet``, in the direction of travel."""
         return unit(self._cubics.slope(*_location(feet)))
 
     def leftward(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit conormals to the left of the curve, along the surface in which it lies."""
+        """Return (n, d) unit conormals at ``feet`` to the left of the curve, tangential to the surface around it."""
         element, s = _location(feet)
         start, end = self._conormals
         between = (1 - s)[:, None] * start[element] + s[:, None] * end[element]
@@ -125,7 +126,7 @@ class TracedCurve:
         return points + self.shift, np.stack([np.arange(count), following], axis=1)
 
     def translate(self, offset: Floats, /) -> TracedCurve:
-        """Return the same curve moved by ``offset`` (d,)."""
+        """Return the curve translated by ``offset`` (d,)."""
         return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
 
     @cached_property

@@ -64,7 +64,10 @@ def plane_cut(
 
 
 def _section_by_source(surface: Any, point: Floats, normal: Floats) -> ClosestPointSource | None:
-    """Return the section by a source's method ``plane_section``, as meshes have it; None if it has none."""
+    """Return the section by a source's own method ``plane_section``; None if it has none.
+
+    ``point`` and ``normal`` (d,) define the plane; that of a moved source is transformed to the source inside.
+    """
     if isinstance(surface, Moved):
         rotation = surface.rotation
         inner_point = (rotation.T @ (point - surface.translation)) / surface.scale
@@ -108,14 +111,15 @@ def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | Non
 
 
 def cut_of(cut: LevelCut) -> TracedCurve | PointSet:
-    """Return the zeros of the function: on a surface a curve, on a curve a set of points."""
+    """Return the zeros of the function of ``cut``: on a surface a traced curve, on a curve a set of points."""
     return _points(cut) if cut.surface.manifold_dim == 1 else TracedCurve(trace(cut), cut.phi.origin)
 
 
 def level_cut(surface: ClosestPointSource, function: Any, label: str, resolution: int | None) -> LevelCut:
     """Return the cut of ``surface`` by ``function``, relative to the centre of the surface's bounds.
 
-    ``label`` names the function in messages; ``resolution`` is the number of samples along the largest side.
+    ``label`` names the function in messages; ``resolution`` is the number of samples along the largest side, None for
+    the default. Raise InputError if it is not a whole number of 8 or more, or the bounds have no extent.
     """
     bounds = np.asarray(surface.bounds, dtype=np.float64)
     origin, sides = 0.5 * (bounds[0] + bounds[1]), bounds[1] - bounds[0]
@@ -129,7 +133,7 @@ def level_cut(surface: ClosestPointSource, function: Any, label: str, resolution
 
 
 def _points(cut: LevelCut) -> PointSet:
-    """Return the zeros on a curve, in lexicographic order."""
+    """Return the zeros on a curve, in lexicographic order; raise InputError where the function only touches zero."""
     feet = find_crossings(cut).inside
     _, _, share = cut.directions(feet)
     if (share < TOUCHING_SLOPE_SHARE).any():
@@ -140,10 +144,7 @@ def _points(cut: LevelCut) -> PointSet:
 
 
 def check_cuttable(surface: Any, label: str) -> None:
-    """Refuse an object that is neither a surface nor a curve; ``label`` names it in the message.
-
-    Raise InputError if ``surface`` is no source, or has another dimension.
-    """
+    """Raise InputError, which names ``label``, unless ``surface`` is a source of manifold dimension 1 or 2."""
     check_source(surface, label)
     if surface.manifold_dim not in (1, 2):
         kind = "a mixed union" if surface.manifold_dim is None else f"of dimension {surface.manifold_dim}"

@@ -79,7 +79,10 @@ class PositionFunction:
         return values
 
     def values_unchecked(self, y: Floats) -> Floats:
-        """Return the values (n,), which may be NaN or infinite."""
+        """Return the values (n,) at points ``y`` (n, d) relative to the origin, which may be NaN or infinite.
+
+        Raise InputError if the function raises TypeError or ValueError, or returns another shape.
+        """
         try:
             if isinstance(self.function, PlaneDistance):
                 return PlaneDistance(self.function.point - self.origin, self.function.normal)(y)
@@ -91,7 +94,7 @@ class PositionFunction:
         return np.broadcast_to(values, (len(y),)).copy()
 
     def gradient(self, y: Floats, step: float) -> Floats:
-        """Return the gradients (n, d) at points (n, d), by differences of fourth order in ``step``."""
+        """Return gradients (n, d) at points ``y`` (n, d) relative to the origin, by 4th order differences in ``step``."""
         if isinstance(self.function, PlaneDistance):
             return np.tile(self.function.normal, (len(y), 1))
         n, dim = y.shape
@@ -100,7 +103,7 @@ class PositionFunction:
         return np.ascontiguousarray((8 * (around[0] - around[1]) - (around[2] - around[3])).T / (12 * step))
 
     def variation(self, y: Floats, reach: float) -> Floats:
-        """Return estimates (n,) of the largest change of the values within ``reach`` of points (n, d)."""
+        """Return estimates (n,) of the largest change of values within ``reach`` of ``y`` (n, d); inf if not finite."""
         n, dim = y.shape
         if isinstance(self.function, PlaneDistance):
             return np.full(n, reach)
@@ -111,10 +114,7 @@ class PositionFunction:
 
 
 def plane_distance(point: Any, normal: Any, dim: int) -> PlaneDistance:
-    """Return the signed distance from a plane, in 2D from a line.
-
-    Raise InputError if a vector has another length than ``dim``, is not finite, or the normal is zero.
-    """
+    """Return signed distance function of the plane (in 2D the line) through ``point`` with ``normal``, (dim,) each."""
     base, direction = as_vector(point, dim, "point"), as_vector(normal, dim, "normal")
     if not direction.any():
         raise InputError(f"normal must not be zero, got {shown(normal)}.")
@@ -125,7 +125,7 @@ def plane_distance(point: Any, normal: Any, dim: int) -> PlaneDistance:
 def position_function(function: Any, dim: int, label: str) -> Callable[[Floats], Any]:
     """Return ``function`` if it is callable, or the formula in the string ``function``; ``label`` is for messages.
 
-    Raise InputError if it is neither.
+    Raise InputError if it is neither, or the formula depends on t.
     """
     if isinstance(function, str):
         formula = Expression(function, dim)
@@ -151,6 +151,7 @@ class LevelCut:
     surface : LocalSource
         The manifold: a surface in space, a region of the plane, or a curve.
     phi : PositionFunction
+        The function.
     size : float
         Diagonal of the manifold's bounds.
     spacing : float
@@ -169,11 +170,7 @@ class LevelCut:
         return dimension == self.surface.dim or self.surface.knows_directions(dimension or 0)
 
     def project(self, feet: ClosestPoints) -> tuple[ClosestPoints, Bools]:
-        """Return points of the cut near points of the manifold, and a mask (n,) of the converged ones.
-
-        The secant method along the manifold: phi's slope is that between the last two feet, so neither normals nor the
-        surface gradient of phi are needed. A step is at most a spacing.
-        """
+        """Return points of the cut near the manifold's points ``feet``, and (n,) whether the iteration converged."""
         y, value = feet.points.copy(), self.phi(feet.points)
         gradient = self.phi.gradient(y, CUT_DIFFERENCE_SHARE * self.size)
         with np.errstate(all="ignore"):

@@ -36,9 +36,11 @@ class Moved(Wrapper):
     Attributes
     ----------
     of : ClosestPointSource
+        The source that is moved.
     rotation : (d, d) float64
         Proper rotation.
     translation : (d,) float64
+        Added after rotation and scaling.
     scale : float
         Above zero.
     """
@@ -75,7 +77,7 @@ class Moved(Wrapper):
         return replace(feet, points=self._to_inner(feet.points), distance=feet.distance / self.scale)
 
     def _directions(self, name: str, feet: ClosestPoints, /) -> Floats:
-        """Return the unit vectors (n, d) of the source inside by its method ``name``, rotated."""
+        """Return unit vectors (n, d) at ``feet`` by the method ``name`` of the source inside, rotated."""
         return rotate(self.rotation, getattr(self.of, name)(self._inner_record(feet)))
 
     _normals = partialmethod(_directions, "normals")
@@ -90,13 +92,13 @@ class Moved(Wrapper):
         return None if point is None else self._to_world(as_vector(point, self.dim, "left_of")[None])[0]
 
     def _local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
-        """Return the rows (k,) of ``x`` (n, d) and their feet within ``radius``, the nearest first."""
+        """Return rows (k,) of ``x`` (n, d) and the local minima of the distance within ``radius``, nearest first."""
         inner = self._to_inner(as_points(x, self.dim))
         rows, feet = self.of.local_minima(inner, positive(radius, "radius") / self.scale)
         return rows, self._world_record(feet)
 
     def _interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return ``values`` (value_count, ...) interpolated at ``feet``."""
+        """Return (n, ...) ``values`` (value_count, ...) of the source inside, interpolated at ``feet``."""
         return np.asarray(self.of.interpolate(values, self._inner_record(feet)))
 
     def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
@@ -121,7 +123,7 @@ class Moved(Wrapper):
         return [moved_source(of=member, **motion) for member in self.of.members]
 
     def _advice(self, spacing: float, /) -> Advice:
-        """Return the advice of the source inside at this spacing in its coordinates."""
+        """Return the error estimates and warnings of the source inside at grid ``spacing``, converted to its unit."""
         return advice_of(self.of, spacing / self.scale)
 
 
@@ -135,7 +137,9 @@ def moved_source(*, of: ClosestPointSource, rotation: Any = None, translation: A
     rotation : angle in the plane, (3,) rotation vector or (d, d) matrix, optional
         Vectors and angles in radians.
     translation : (d,) numbers, optional
+        Zero by default.
     scale : number above zero
+        The factor of all lengths, 1 by default.
 
     Raises
     ------

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @hookimpl
 def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
-    """Return the factories of the kinds."""
+    """Return the factory function of each kind of source, by the name of the kind."""
     return {
         "union": union,
         "moved": moved_source,
@@ -35,7 +35,7 @@ def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
 
 @hookimpl
 def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
-    """Return the cases; imported here because they need the test extra."""
+    """Return the conformance cases; their module is imported here because it needs the test extra."""
     from cpmkit_combinations.cases import conformance_cases
 
     return conformance_cases()

@@ -61,7 +61,7 @@ class PointSet:
         return len(self.positions)
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
-        """Return the closest points of ``x`` (n, d); ``element`` is the number of the point.
+        """Return the closest points of ``x`` (n, d); ``element`` is the point's number, ``edge`` -1.
 
         Raise InputError if ``x`` does not have shape (n, d) or is not finite.
         """
@@ -71,7 +71,10 @@ class PointSet:
         return ClosestPoints(points, np.linalg.norm(x - points, axis=1), np.full(len(x), -1), element)
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return the rows of ``values`` (value_count, ...) that belong to the points of the feet, (n, ...)."""
+        """Return (n, ...) the rows of ``values`` (value_count, ...) of the points at ``feet``.
+
+        Raise InputError if ``feet`` lack ``element``.
+        """
         if feet.element is None:
             raise InputError("feet must be answers of this set of points: they lack element.")
         return one_row_each(values, self.value_count, "points")[feet.element]
@@ -81,7 +84,7 @@ class PointSet:
         return self.positions + self.shift, np.arange(len(self.positions))[:, None]
 
     def translate(self, offset: Floats, /) -> PointSet:
-        """Return the points moved by ``offset`` (d,)."""
+        """Return the set of points translated by ``offset`` (d,)."""
         return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
 
     @cached_property

@@ -75,7 +75,10 @@ class Solid(Wrapper):
         )
 
     def _feet_and_inside(self, x: Floats) -> tuple[ClosestPoints, Bools]:
-        """Return the feet on the hypersurface, and which points are enclosed by an odd number of its parts."""
+        """Return the closest points of ``x`` (n, d) on the hypersurface, and (n,) whether each is inside the solid.
+
+        Inside is on or inside an odd number of the closed parts.
+        """
         if not isinstance(self.of, Union):
             feet = self.of.closest_point(x)
             return feet, self.outward[0] * signed_height(self.of, feet, x) <= 0
@@ -97,15 +100,12 @@ class Solid(Wrapper):
 
     @property
     def edge_limit(self) -> int:
-        """The number that all edge numbers are below."""
+        """The exclusive upper bound of edge numbers."""
         return MOST_EDGES * (len(self.of.members) if isinstance(self.of, Union) else 1)
 
 
 def signed_height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
-    """Return the signed distances (n,) of points ``x`` from their feet along the hypersurface's normals.
-
-    The normal of a plane curve without normals is its tangent turned to the right.
-    """
+    """Return the components (n,) of ``x`` (n, d) minus their ``feet`` along the hypersurface's unit normals."""
     if isinstance(hypersurface, HasNormals):
         normals = hypersurface.normals(feet)
     else:
@@ -115,10 +115,7 @@ def signed_height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
 
 
 def fill_area(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 2) and triangles (m, 3) that fill an area of the plane.
-
-    They are the triangles of a square lattice with a corner inside; corners outside are moved to the edge.
-    """
+    """Return vertices (v, 2) and triangles (m, 3), with edges of about ``spacing``, that fill a plane area."""
     lower, upper = np.asarray(area.bounds, dtype=np.float64)
     points, triangles = rectangle(lower, upper, spacing)
     feet = area.closest_point(points)
@@ -159,7 +156,7 @@ def solid(*, of: ClosestPointSource) -> Any:
 
 
 def _outward_sign(part: ClosestPointSource) -> float:
-    """Return 1 if the normals of a closed hypersurface point outwards, else -1.
+    """Return 1.0 if the normals of the closed hypersurface ``part`` point outwards, else -1.0.
 
     Raise InputError if it is no closed hypersurface with normals.
     """

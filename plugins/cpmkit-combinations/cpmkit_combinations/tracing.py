@@ -47,7 +47,7 @@ class Knots:
     deviation: float = 0.0
 
     def cubics(self) -> Floats:
-        """Return the coefficients (m, 4, d) of the cubics between the knots."""
+        """Return the coefficients (m, 4, d), of 1, s, s^2 and s^3, of the cubics between consecutive knots."""
         following = np.roll(np.arange(len(self.points)), -1)[: None if self.closed else -1]
         starts = slice(None) if self.closed else slice(0, -1)
         p, t = self.points, self.tangents
@@ -55,11 +55,7 @@ class Knots:
 
 
 def trace(cut: LevelCut) -> list[Knots]:
-    """Return the pieces of the cut of a surface, the longest first.
-
-    Raise InputError if there is none, or it cannot be traced: where it branches, touches itself, or is too small for
-    the spacing.
-    """
+    """Return the connected pieces of the zero set of ``cut`` on a surface as knots, the longest first."""
     crossings = find_crossings(cut)
     inside, converged = cut.project(_thin_out(crossings.inside, 0.5 * cut.spacing))
     inside = inside.take(converged & (inside.edge < 0))
@@ -76,7 +72,7 @@ def trace(cut: LevelCut) -> list[Knots]:
 
 
 def _thin_out(feet: ClosestPoints, side: float) -> ClosestPoints:
-    """Return one foot for each occupied cube of a side."""
+    """Return one of the ``feet`` in each cube of length ``side`` that contains any."""
     cells = np.floor(feet.points / side).astype(np.int64)
     return feet.take(np.unique(cells, axis=0, return_index=True)[1])
 
@@ -90,7 +86,10 @@ def _far_from(points: Floats, others: Floats, distance: float) -> Ints:
 
 
 def _check_chains(cut: LevelCut, feet: ClosestPoints, share: Floats, pieces: list[Chain]) -> list[Chain]:
-    """Return the chains without isolated points near others; refuse open ones that do not end on the surface's edge."""
+    """Return the chains of two points or more; ``share`` (n,) is phi's surface gradient over that in space.
+
+    Isolated points near others are left out. Raise InputError if an open chain does not end on the surface's edge.
+    """
     from scipy.spatial import cKDTree
 
     chained = [piece for piece in pieces if len(piece.order) > 1]
@@ -124,7 +123,10 @@ def _lost_message(cut: LevelCut, point: Floats, branches: bool) -> str:
 
 
 def _space_evenly(cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormals: Floats, piece: Chain) -> Knots:
-    """Return knots about a spacing apart on one chain, in the direction of travel."""
+    """Return knots about ``cut.spacing`` apart on one chain, projected onto the cut, with phi > 0 on the left.
+
+    ``tangents`` and ``conormals`` (n, d) are those at ``feet``. Raise InputError if a projection does not converge.
+    """
     p, t, v = feet.points[piece.order], tangents[piece.order], conormals[piece.order]
     following = np.roll(p, -1, axis=0) - p
     along = following + np.roll(following, 1, axis=0)
@@ -149,7 +151,7 @@ def _space_evenly(cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormal
 
 
 def _orient_knots(cut: LevelCut, feet: ClosestPoints, along: Floats, closed: bool) -> Knots:
-    """Return knots in the direction of travel, with phi > 0 on the left, given the direction of their order."""
+    """Return knots at ``feet``, reversed if needed so that phi > 0 on the left; ``along`` (k, d) is their direction."""
     t, v, _ = cut.directions(feet)
     against = dots(t, along)[:, None] < 0
     # t is v x n with the surface's n: if n has a sign, t has the right one
@@ -160,7 +162,7 @@ def _orient_knots(cut: LevelCut, feet: ClosestPoints, along: Floats, closed: boo
 
 
 def _refine(cut: LevelCut, knots: Knots) -> Knots:
-    """Return knots so dense that the cubics between them lie on the cut, except at kinks of the surface."""
+    """Return knots so dense that the cubics between them lie on the cut, except at kinks, and the deviation."""
     tolerance, deviation = TRACING_TOLERANCE_SHARE * cut.size, 0.0
     target = np.arange(len(knots.cubics()))
     parent, failures = np.full(len(target), np.inf), np.zeros(len(target), dtype=np.int64)
@@ -184,7 +186,7 @@ def _refine(cut: LevelCut, knots: Knots) -> Knots:
 
 
 def _insert_middles(cut: LevelCut, knots: Knots, curve: Cubics, segments: Ints, feet: ClosestPoints) -> Knots:
-    """Return the knots with one more at ``feet`` (k,) in each of k ascending segments."""
+    """Return the knots with a further knot at ``feet`` (k,) in each of the ascending ``segments`` (k,) of ``curve``."""
     t, v, _ = cut.directions(feet)
     along = curve.slope(segments, np.full(len(segments), 0.5))
     t = np.where(dots(t, along)[:, None] < 0, -t, t)
@@ -194,6 +196,6 @@ def _insert_middles(cut: LevelCut, knots: Knots, curve: Cubics, segments: Ints, 
 
 
 def cubics_of(knots: Knots) -> Cubics:
-    """Return the cubics between knots."""
+    """Return the cubics between ``knots`` as one piece."""
     coefficients = knots.cubics()
     return Cubics(coefficients, np.zeros(len(coefficients), dtype=np.int64))

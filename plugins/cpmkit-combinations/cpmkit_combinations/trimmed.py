@@ -57,6 +57,7 @@ class Trimmed(Wrapper):
     of : ClosestPointSource
         The whole.
     trim : PositionFunction
+        The function of position that is at most zero on the part.
     new_edge : TrimmedEdge
         The edge made by trimming.
     samples : (k, d) float64
@@ -111,16 +112,20 @@ class Trimmed(Wrapper):
         return part if feet.element is None and feet.local is None else self._with_elements(part, away)
 
     def _inside(self, points: Floats) -> Bools:
-        """Return a mask of the points of the whole that are interior to the part."""
+        """Return (n,) whether each of ``points`` (n, d) of the whole has trim below minus :attr:`margin`."""
         return np.asarray(self.trim(points) < -self.margin)
 
     def _with_elements(self, feet: ClosestPoints, rows: Ints) -> ClosestPoints:
-        """Return the records with element and local of the whole for the feet at ``rows``."""
+        """Return ``feet`` with ``element`` and ``local`` of the whole's closest points in ``rows``."""
         whole = self.of.closest_point(np.ascontiguousarray(feet.points[rows]))
         return feet.replace_rows(rows, replace(feet.take(rows), element=whole.element, local=whole.local))
 
     def _feet_beyond(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
-        """Return feet of queries whose closest point on the whole is cut away: on the edge, or on another part."""
+        """Return points (n, d), distances, edge numbers and doubt (n,) of queries ``x`` whose foot is cut away.
+
+        Each closest point lies on the new edge or inside the part, where descents from samples lead. Doubt is True
+        where more than :data:`TRIMMED_DESCENTS` descents are needed, or the chosen descent does not converge.
+        """
         on_edge = self.new_edge.source.closest_point(x)
         points, distance, doubtful = on_edge.points.copy(), on_edge.distance.copy(), np.zeros(len(x), dtype=bool)
         edge = self.new_edge.numbers(on_edge)
@@ -149,8 +154,8 @@ class Trimmed(Wrapper):
     def _starts(self, x: Floats, on_edge: ClosestPoints) -> tuple[Floats, Bools]:
         """Return points (n, k, d) of the part, and a mask (n, k) of those from which a descent may end nearer.
 
-        The first is the foot on the edge, if the query is seen from it inwards. The others are samples that are not
-        near this foot: points near it are farther than the edge, or reached from it.
+        The first is ``on_edge``, the foot of ``x`` (n, d) on the edge, if the query is seen from it inwards. The others
+        are samples that are not near this foot: points near it are farther than the edge, or reached from it.
         """
         toward_part = dots(x - on_edge.points, self.new_edge.outward(on_edge))
         inwards = toward_part < -INWARD_SINE * on_edge.distance - self.tolerance
@@ -169,7 +174,7 @@ class Trimmed(Wrapper):
         return cKDTree(self.samples)
 
     def _directions(self, name: str, feet: ClosestPoints, /) -> Floats:
-        """Return the unit vectors (n, d) of the whole by its method ``name``."""
+        """Return unit vectors (n, d) at ``feet`` by the method ``name`` of the whole."""
         return np.asarray(getattr(self.of, name)(feet))
 
     _normals = partialmethod(_directions, "normals")
@@ -187,18 +192,18 @@ class Trimmed(Wrapper):
         return as_vector(point, self.dim, "left_of") if self._inside(foot)[0] else None
 
     def _interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return ``values`` (value_count, ...), the rows of the whole, interpolated at the feet."""
+        """Return (n, ...) ``values`` (value_count, ...), a row for each of the whole's, interpolated at ``feet``."""
         return np.asarray(self.of.interpolate(values, feet))
 
     def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return the mesh of the whole, cut along the edge: vertices (v, d), and cells (m, k) of about ``spacing``."""
+        """Return vertices (v, d) and cells (m, k) of about ``spacing`` of the whole's mesh, clipped at the new edge."""
         coarsest = float(np.ptp(self.bounds, axis=0).max()) / TRIMMED_LEAST_CELLS
         vertices, cells = self.of.mesh(min(positive(spacing, "spacing"), coarsest))
         beyond = self.trim(vertices) + self.margin
         return clip_mesh(vertices, cells, beyond, lambda points: self.new_edge.source.closest_point(points).points)
 
     def _translate(self, offset: Floats, /) -> Trimmed:
-        """Return the part moved by ``offset`` (d,)."""
+        """Return the part translated by ``offset`` (d,)."""
         shift = as_vector(offset, self.dim, "offset")
         return replace(
             self,
@@ -210,7 +215,7 @@ class Trimmed(Wrapper):
 
     @property
     def edge_limit(self) -> int:
-        """The number that all edge numbers are below: those of the whole follow those made by trimming."""
+        """The exclusive upper bound of edge numbers: those of the whole follow those made by trimming."""
         return edge_limit_of(self.of) + MOST_EDGES
 
 
@@ -259,7 +264,7 @@ def trimmed_source(*, of: ClosestPointSource, trim: Any, resolution: int | None 
 
 
 def _samples_of_part(cut: LevelCut) -> ClosestPoints:
-    """Return samples of the part with trim <= 0; of a curve its ends among them."""
+    """Return closest points that sample the part with trim <= 0; on a curve with its own ends among them."""
     spacing = COARSE_SAMPLE_FACTOR * cut.spacing
     cells = next(blocks for side, blocks in cell_levels(cut.surface, spacing, 0.5) if side == 1)
     if (
@@ -281,6 +286,7 @@ def descend(of: ClosestPointSource, x: Floats, start: Floats, reach: float) -> t
     Parameters
     ----------
     of : ClosestPointSource
+        The manifold.
     x, start : (n, d) float64
         Queries, and points of the manifold.
     reach : float

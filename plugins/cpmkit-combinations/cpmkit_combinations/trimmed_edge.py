@@ -33,16 +33,16 @@ class TrimmedEdge(Protocol):
 
     @property
     def deviation(self) -> float:
-        """Its largest distance from the zeros of trim."""
+        """Largest distance of the edge from the zeros of trim."""
 
     def outward(self, feet: ClosestPoints, /) -> Floats:
         """Return unit conormals (n, d) at feet on the edge, towards the part that is cut away."""
 
     def numbers(self, feet: ClosestPoints, /) -> Ints:
-        """Return the ``edge`` (n,) of feet on it."""
+        """Return the numbers (n,) of the edges on which ``feet``, closest points of the new edge, lie."""
 
     def numbers_of_whole(self, edge: Ints, /) -> Ints:
-        """Return the ``edge`` (n,) of feet inside the part, given their edge numbers on the whole."""
+        """Return the edge numbers (n,) on the part of feet with the numbers ``edge`` (n,) on the whole; -1 stays."""
 
     def translate(self, offset: Floats, /) -> TrimmedEdge:
         """Return the edge moved by ``offset`` (d,)."""
@@ -60,15 +60,15 @@ class CurveEdge:
         return self.source.deviation
 
     def outward(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit conormals (n, d) to the left."""
+        """Return unit conormals (n, d) at ``feet`` to the left of the curve, where the surface is cut away."""
         return self.source.leftward(feet)
 
     def numbers(self, feet: ClosestPoints, /) -> Ints:
-        """Return the numbers of the curve's pieces, the longest first."""
+        """Return the number (n,) of the curve's piece on which each foot lies, 0 the longest."""
         return self.source.piece(feet)
 
     def numbers_of_whole(self, edge: Ints, /) -> Ints:
-        """Return the numbers of the whole's edges, which follow those of the curve's pieces."""
+        """Return ``edge`` (n,) plus the number of the curve's pieces; -1 stays."""
         return np.where(edge >= 0, edge + len(self.source.pieces), edge)
 
     def translate(self, offset: Floats, /) -> CurveEdge:
@@ -83,6 +83,7 @@ class PointEdge:
     Attributes
     ----------
     source : PointSet
+        The k = 1 or 2 points.
     directions : (k, d) float64
         Unit vectors along the curve, towards the part that is cut away.
     ends : (k,) int64
@@ -96,15 +97,15 @@ class PointEdge:
     deviation = 0.0
 
     def outward(self, feet: ClosestPoints, /) -> Floats:
-        """Return the directions at the feet, (n, d)."""
+        """Return unit vectors (n, d) at ``feet`` along the curve, towards the part that is cut away."""
         return np.asarray(self.directions[feet.element])
 
     def numbers(self, feet: ClosestPoints, /) -> Ints:
-        """Return 0 at the start and 1 at the end."""
+        """Return (n,) 0 for ``feet`` at the start of the part, 1 at its end."""
         return np.asarray(self.ends[feet.element], dtype=np.int64)
 
     def numbers_of_whole(self, edge: Ints, /) -> Ints:
-        """Return the number of the whole's end that is left: the one that is not an end made by trimming."""
+        """Return the number of the end of the part that is not new where ``edge`` (n,) >= 0; -1 stays."""
         return np.where(edge >= 0, 1 - self.ends[0], edge)
 
     def translate(self, offset: Floats, /) -> PointEdge:
@@ -154,10 +155,11 @@ def clip_mesh(vertices: Floats, cells: Ints, values: Floats, onto: Callable[[Flo
     Parameters
     ----------
     vertices : (v, d) float64
+        Positions.
     cells : (m, 2 or 3) int64
         Segments or triangles.
     values : (v,) float64
-        At the vertices.
+        The function at the vertices.
     onto : callable
         Moves points (n, d), the zeros of ``values`` interpolated on the edges of cells, to the edge of the part.
     """
@@ -178,14 +180,17 @@ def clip_mesh(vertices: Floats, cells: Ints, values: Floats, onto: Callable[[Flo
 
 
 def _clip_segments(cells: Ints, crossings: Ints, inside: Bools) -> Ints:
-    """Return whole segments, and parts from the vertex ``inside`` (m, 2) to the vertex ``crossings`` (m, 1)."""
+    """Return (k, 2) the segments ``inside`` (m, 2), and parts from there to the vertices ``crossings`` (m, 1)."""
     crossed = inside.sum(axis=1) == 1
     clipped = np.where(inside[crossed], cells[crossed], crossings[crossed])
     return np.concatenate([cells[inside.all(axis=1)], clipped])
 
 
 def _clip_triangles(cells: Ints, crossings: Ints, inside: Bools) -> Ints:
-    """Return whole triangles, corners where one vertex is inside, and halves of the quadrangles where two are."""
+    """Return (k, 3) the triangles inside, corners with one vertex inside, and halves of quadrangles with two.
+
+    ``crossings`` (m, 3) are the new vertices on the triangles' edges, ``inside`` (m, 3) marks their corners.
+    """
     count = inside.sum(axis=1)
     single, pair = count == 1, count == 2
     (a, _, _), (ab, _, ca) = rotate_triangles(cells[single], crossings[single], inside[single].argmax(axis=1))

@@ -68,7 +68,7 @@ class Tube:
 
     @property
     def manifold_dim(self) -> int:
-        """One less than that of the space."""
+        """Dimension of the space less 1."""
         return self.dim - 1
 
     @property
@@ -84,7 +84,7 @@ class Tube:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d): at the radius from the foot on the curve, towards ``x``.
 
-        On the curve itself all directions across it are equal, and the feet are ``doubtful``.
+        ``edge`` is -1. On the curve itself all directions across it are equal, and the feet are ``doubtful``.
 
         Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
@@ -119,11 +119,11 @@ class Tube:
         return self.closest_point(sweep.points).points, sweep.cells
 
     def advice(self, spacing: float, /) -> Advice:
-        """Return the advice of the curve."""
+        """Return the error estimates and warnings of the curve at grid ``spacing``."""
         return advice_of(self.around, spacing)
 
     def translate(self, offset: Floats, /) -> Tube:
-        """Return the same tube moved by ``offset`` (d,)."""
+        """Return the tube translated by ``offset`` (d,)."""
         if isinstance(self.around, HasTranslation):
             return replace(self, around=self.around.translate(as_vector(offset, self.dim, "offset")))
         from cpmkit_combinations.moved import moved_source
@@ -131,12 +131,12 @@ class Tube:
         return replace(self, around=moved_source(of=self.around, translation=offset))
 
     def _project(self, points: Floats) -> Floats:
-        """Return the feet (n, d) of points near the tube, where directions away from the curve are exact."""
+        """Return the tube's closest points (n, d) to ``points`` (n, d) near it, where directions are exact."""
         middle = self.around.closest_point(points).points
         return np.asarray(middle + self.radius * unit(points - middle))
 
     def _across(self, points: Floats) -> Floats:
-        """Return unit vectors (n, d) across the curve at points on it, by feet of points a step off along each axis."""
+        """Return unit vectors (n, d) across the curve at ``points`` (n, d) on it, from feet of points beside them."""
         step, best = 0.1 * self.radius, np.zeros(points.shape)
         for axis in np.eye(self.dim):
             beside = points + step * axis
@@ -180,7 +180,7 @@ def tube(*, around: ClosestPointSource, radius: Any) -> Tube:
 
 
 def _check_reach(around: Any, radius: float) -> None:
-    """Refuse a radius at which the tube around a curve would meet itself."""
+    """Raise InputError if the tube of ``radius`` around the curve ``around`` would meet itself, tested at samples."""
     size = float(np.ptp(around.bounds, axis=0).max())
     step = max(REACH_STEP_SHARE * radius, size / MOST_REACH_SAMPLES)
     points = sweep_curves(_polylines(around, step), radius, radius, REACH_DIRECTIONS).points
@@ -200,16 +200,16 @@ def _polylines(around: Any, spacing: float) -> list[Polyline]:
 
 
 class Sweep(NamedTuple):
-    """Vertices (v, d) around curves, and cells (m, d) between them."""
+    """A mesh around curves: vertices ``points`` (v, d), and ``cells`` (m, d) between them."""
 
     points: Floats
     cells: Ints
 
 
 def sweep_curves(curves: list[Polyline], radius: float, spacing: float, corners: int | None = None) -> Sweep:
-    """Return cells of about ``spacing`` at the distance ``radius`` from curves, with caps at open ends.
+    """Return a mesh, of about ``spacing``, at the distance ``radius`` from ``curves``, with caps at open ends.
 
-    Rings have ``corners``, by default 2 pi radius / spacing.
+    Rings have the number ``corners`` of vertices, by default 2 pi radius / spacing; in 2D only half circles at ends do.
     """
     count = corners or max(LEAST_RING_CORNERS, int(np.ceil(2 * np.pi * radius / spacing)))
     parts = [_sweep_curve(curve, radius, count) for curve in curves]
@@ -245,7 +245,10 @@ def _sweep_curve(curve: Polyline, radius: float, count: int) -> Sweep:
 
 
 def _offset_curve(curve: Polyline, right: Floats, radius: float, count: int) -> Sweep:
-    """Return the offsets of a plane curve to both sides; of an open one, joined by half circles around its ends."""
+    """Return offsets by ``radius`` of a plane curve to both sides; an open curve gets half circles around its ends.
+
+    ``right`` (n, 2) are unit vectors to its right; ``count`` is the number of segments of a full circle.
+    """
     sides = curve.points + radius * right, (curve.points - radius * right)[::-1]
     if curve.closed:
         n = len(curve.points)
@@ -264,7 +267,7 @@ def _offset_curve(curve: Polyline, right: Floats, radius: float, count: int) -> 
 
 
 def _vertex_tangents(curve: Polyline) -> Floats:
-    """Return (n, d) unit tangents at the points: mean directions of their two segments."""
+    """Return (n, d) unit tangents at the curve's points: mean directions of the two adjacent segments."""
     p = curve.points
     steps = unit(np.diff(p, axis=0, append=p[:1]))
     if not curve.closed:
@@ -276,7 +279,10 @@ def _vertex_tangents(curve: Polyline) -> Floats:
 
 
 def _transport_frame(along: Floats, closed: bool) -> tuple[Floats, Floats]:
-    """Return two unit vectors (n, 3) across a curve, transported along it; on a closed curve their twist is spread."""
+    """Return two unit vectors (n, 3) each across a curve with tangents ``along`` (n, 3), orthogonal, without twist.
+
+    On a closed curve the angle between the first and the last frame is distributed along it.
+    """
     first = np.empty_like(along)
     across = np.eye(3)[np.argmin(np.abs(along[0]))]
     for k, t in enumerate(along):

@@ -32,7 +32,7 @@ from cpmkit_combinations.wrapper import with_abilities
 
 @dataclass(frozen=True, eq=False)
 class Union:
-    """All points of several sources. Each query is answered by the nearest member, the first of equals.
+    """All points of several sources. The nearest member, the first of equals, gives the closest point of a query.
 
     Attributes
     ----------
@@ -93,7 +93,10 @@ class Union:
         return tuple(np.cumsum([0] + [edge_limit_of(member) for member in self.members]).tolist())
 
     def _of_member(self, number: int, feet: ClosestPoints) -> ClosestPoints:
-        """Return the records of a member as records of the union."""
+        """Return the records ``feet`` of member ``number`` as records of the union.
+
+        Raise InputError if an edge number reaches the member's limit.
+        """
         first, limit = self.first_edges[number : number + 2]
         edge = np.where(feet.edge >= 0, feet.edge + first, -1)
         if edge.max(initial=-1) >= limit:
@@ -120,9 +123,10 @@ class Union:
         return rows[order], feet.take(order)
 
     def _directions(self, name: str, feet: ClosestPoints, /) -> Floats:
-        """Return the unit vectors (n, d) of the members by their method ``name``, at their own records of the feet.
+        """Return unit vectors (n, d) at ``feet`` by the method ``name`` of each row's member.
 
-        A record of the union contains the number of the member, not the element of the member.
+        Members are queried again, since a record of the union holds the member's number as ``element``. Raise
+        InputError if ``feet`` lack it.
         """
         if feet.element is None:
             raise InputError("feet must be records that this union answered: they lack element.")
@@ -139,7 +143,7 @@ class Union:
     _leftward = partialmethod(_directions, "leftward")
 
     def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return the members' meshes as one; rows of smaller cells end in -1."""
+        """Return vertices (v, d) and cells (m, k) of all members' meshes; rows of smaller cells end in -1."""
         meshes = [member.mesh(spacing) for member in self.members]
         corners = max(cells.shape[1] for _, cells in meshes)
         first = np.cumsum([0] + [len(vertices) for vertices, _ in meshes])
@@ -156,11 +160,11 @@ class Union:
 
     @property
     def edge_limit(self) -> int:
-        """The number that all edge numbers are below."""
+        """The exclusive upper bound of the union's edge numbers."""
         return self.first_edges[-1]
 
     def _advice(self, spacing: float, /) -> Advice:
-        """Return the warnings of all members at this spacing, and the largest of their errors."""
+        """Return the warnings of all members at grid ``spacing``, and the largest of their errors."""
         advice = [advice_of(member, spacing) for member in self.members]
         counts = [part.foot_count for part in advice if part.foot_count is not None]
         return Advice(

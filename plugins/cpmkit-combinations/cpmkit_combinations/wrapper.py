@@ -39,27 +39,27 @@ Rule = Callable[[Any, tuple[Any, ...]], bool]
 
 
 def always(_ability: Any, _sources: tuple[Any, ...]) -> bool:
-    """Return True, whatever the abilities of the sources."""
+    """Return True: the combination always has the ability."""
     return True
 
 
 def all_have(ability: Any, sources: tuple[Any, ...]) -> bool:
-    """Return whether all sources have the ability."""
+    """Return whether all ``sources`` are instances of the protocol ``ability``."""
     return all(isinstance(source, ability) for source in sources)
 
 
 def one_dimension(_ability: Any, sources: tuple[Any, ...]) -> bool:
-    """Return whether all sources have one dimension: of a mixed union the solver queries the members."""
+    """Return whether all ``sources`` have the same manifold dimension."""
     return len({source.manifold_dim for source in sources}) == 1
 
 
 def all_have_in_one_dimension(ability: Any, sources: tuple[Any, ...]) -> bool:
-    """Return whether all sources have the ability and one dimension."""
+    """Return whether all ``sources`` have the protocol ``ability`` and the same manifold dimension."""
     return all_have(ability, sources) and one_dimension(ability, sources)
 
 
 def all_have_or_plane(ability: Any, sources: tuple[Any, ...]) -> bool:
-    """Return whether all sources have the ability or lie in the plane."""
+    """Return whether the first source lies in the plane, or all ``sources`` have the protocol ``ability``."""
     return sources[0].dim == 2 or all_have(ability, sources)
 
 
@@ -114,25 +114,7 @@ ABILITIES: Mapping[type, PassingRules] = {
 
 
 def with_abilities(base: type[Base], combination: str, *sources: object) -> type[Base]:
-    """Return ``base`` with the abilities of a combination of ``sources``.
-
-    Parameters
-    ----------
-    base : type
-        The class of the combination, with the methods and properties of its abilities under private names.
-    combination : str
-        A column of :data:`ABILITIES`.
-    *sources
-        The sources inside the combination.
-
-    Examples
-    --------
-    >>> import cpmkit as ck
-    >>> from cpmkit.plugin import HasNormals, HasTangents
-    >>> ball = ck.source("moved", of=ck.source("analytic.sphere"), scale=2.0)
-    >>> isinstance(ball, HasNormals), isinstance(ball, HasTangents)
-    (True, False)
-    """
+    """Return a cached subclass of ``base`` with the public methods that a combination of ``sources`` has."""
     rules = {ability: getattr(rules, combination) for ability, rules in ABILITIES.items()}
     abilities = tuple(ability for ability, rule in rules.items() if callable(rule) and rule(ability, sources))
     hashable_base: Any = base  # mypy does not take a class of an unknown type for hashable
@@ -142,7 +124,7 @@ def with_abilities(base: type[Base], combination: str, *sources: object) -> type
 
 @cache
 def _public_class(base: Any, abilities: tuple[type, ...]) -> Any:
-    """Return a subclass of ``base`` with public names for the methods of abilities."""
+    """Return the cached subclass of ``base`` whose private methods ``_name`` of ``abilities`` have public names."""
     names = [name for ability in abilities for name in vars(ability) if not name.startswith("_")]
     # Fields, such as the members of a union, have public names already.
     members = {name: getattr_static(base, f"_{name}") for name in names if hasattr(base, f"_{name}")}
@@ -151,14 +133,14 @@ def _public_class(base: Any, abilities: tuple[type, ...]) -> Any:
 
 
 def _new_object(base: Any, abilities: tuple[type, ...]) -> Any:
-    """Return an object of a class with abilities, without its state, which pickle sets afterwards."""
+    """Return an uninitialised object of the class of ``base`` with ``abilities``, whose state pickle sets."""
     cls = _public_class(base, abilities)
     return cls.__new__(cls)
 
 
 @dataclass(frozen=True, eq=False)
 class Wrapper:
-    """A source made ``of`` another, by default of its dimension, as exact, and with its advice."""
+    """A source made from the source ``of``, by default with its dimension, exactness and advice."""
 
     of: Any
 
@@ -169,7 +151,7 @@ class Wrapper:
 
     @property
     def manifold_dim(self) -> int | None:
-        """Dimension of the source inside."""
+        """Manifold dimension of the source inside, None if that is a union of several dimensions."""
         dimension: int | None = self.of.manifold_dim
         return dimension
 
@@ -180,7 +162,7 @@ class Wrapper:
 
     @property
     def edge_limit(self) -> int:
-        """The number that all edge numbers are below."""
+        """The exclusive upper bound of the source's edge numbers."""
         return edge_limit_of(self.of)
 
     @property
@@ -195,5 +177,5 @@ class Wrapper:
         return vertices, cells
 
     def _advice(self, spacing: float, /) -> Advice:
-        """Return the advice of the source inside at this spacing."""
+        """Return the error estimates and warnings of the source inside at grid ``spacing``."""
         return advice_of(self.of, spacing)
