@@ -89,11 +89,11 @@ def solve_discretized(
 def resolve_options(
     backend: str, scene: Scene, spacing: float | None, progress: Progress, options: Mapping[str, Any]
 ) -> tuple[Callable[[], Discretized], SolverOptions, Options[Any] | None]:
-    """Check all options of a solve, and whether the form can discretise the scene; return what the solve needs.
+    """Return (function that discretises the scene, solver options, lattice options) after a check of all options.
 
-    These are a function without arguments that returns the discretised scene, the options of the linear solver, and
-    those of a form on a lattice, None for another back end. Raises InputError if an option is not accepted, SceneError
-    if the form cannot discretise the scene, and PluginError if no installed plugin offers the back end.
+    The function has no arguments and returns the discretised scene. The lattice options are None for a ``backend``
+    other than "cpm", for which ``spacing`` may be None. Raises InputError if an option is not accepted, SceneError if
+    the form cannot discretise the scene, and PluginError if no installed plugin offers the back end.
     """
     if backend != "cpm":
         label = f"the back end {backend!r}"

@@ -77,7 +77,7 @@ def explain(
 
 
 def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
-    """Return the size and cost of a solve, estimated from cells around the manifold and its boundaries.
+    """Return the size and cost of a solve of ``model.scene``, estimated from cells around manifold and boundaries.
 
     Nothing is discretised; ``solver`` is the name of the linear solver, or auto. Raises ResolutionError if memory would
     not suffice. Counts are right within a factor of 2.

@@ -165,7 +165,7 @@ def check_accepted(label: str, keys: Iterable[str], accepted: Sequence[str]) -> 
 
 
 def _accepted_parameters(make: Callable[..., Any]) -> dict[str, inspect.Parameter]:
-    """Return the parameters of a factory other than ``**keywords``, by name."""
+    """Return the parameters of the factory ``make`` other than ``**keywords``, by name, in order."""
     parameters = inspect.signature(make).parameters
     return {name: p for name, p in parameters.items() if p.kind is not p.VAR_KEYWORD}
 

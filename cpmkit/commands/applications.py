@@ -237,7 +237,11 @@ def _measure(
     arguments: dict[str, Any],
     wants_error: bool,
 ) -> ApplicationResult:
-    """Return the distance from ``origins``, and the paths from ``starts``; InputError if a piece has no origin."""
+    """Return the distance from ``origins`` (names or "x,y,z"), and shortest paths from ``starts`` ("x,y,z").
+
+    ``signed`` and ``method`` choose the function and its method; ``arguments`` are its other keywords, with the scene
+    as ``surface``. ``wants_error`` adds the error estimate. Raises InputError if a piece of the surface has no origin.
+    """
     import numpy as np
 
     from cpmkit.applications import geodesic_distance, signed_distance

@@ -48,7 +48,7 @@ class CommandGroup(click.Group):
         return [*self.commands, *(name for name in _plugin_commands() if name not in self.commands)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command of a name, None if there is none; a plugin's command is imported here."""
+        """Return the command ``cmd_name`` or None; import that of a plugin, and raise PluginError if that fails."""
         built_in = super().get_command(ctx, cmd_name)
         point = _plugin_commands().get(cmd_name)
         if built_in or point is None:
@@ -149,7 +149,7 @@ def _plugin_commands() -> Mapping[str, EntryPoint]:
 
 
 def _distribution_text(point: EntryPoint) -> str:
-    """Return the distribution of a plugin's command, or its module, in words."""
+    """Return "from DISTRIBUTION VERSION" of a plugin's entry point, or "from MODULE" if it has no distribution."""
     return f"from {point.dist.name} {point.dist.version}" if point.dist else f"from {point.value}"
 
 

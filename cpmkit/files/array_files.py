@@ -114,7 +114,7 @@ def _read_stream(opened: IO[bytes], length: int, name: str, label: str, kinds: s
 
 
 def _header(opened: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Return the shape, whether the order is Fortran's, the type, and the length in bytes of an array's header.
+    """Return (shape, True for Fortran order, type, length in bytes) of the .npy header that is read from ``opened``.
 
     Raises one of :data:`DAMAGE_ERRORS` if the header is damaged.
     """
@@ -148,7 +148,7 @@ def read_saved(
     rows, known = {row.name: row for row in table}, dict(sizes or {})
 
     def check(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-        """Compare the shape and type in the header of an array with its row of the table, and note the new sizes."""
+        """Raise InputError if shape or type in the header of array ``name`` is not as in the table; store new sizes."""
         row = rows[name]
         expected = tuple(known.get(size, size) if isinstance(size, str) else size for size in row.shape)
         fits = len(shape) == len(expected) and all(

@@ -113,7 +113,7 @@ def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
 
 
 def _kind(hint: Any) -> Kind:
-    """Return the kind of plain values that a type annotation accepts; raise TypeError for other annotations."""
+    """Return the kind of plain values that the annotation ``hint`` accepts; raise TypeError for other annotations."""
     plain = {str: TEXT, bool: FLAG, int: whole_numbers(0), float: numbers()}
     if hint in plain:
         return plain[hint]
@@ -211,7 +211,7 @@ def _entries(value: Any, where: str) -> Iterator[tuple[str, Any]]:
 
 
 def _check_text(text: str, where: str) -> None:
-    """Raise SceneError for control characters but newline and tab; they could steer a terminal or end a file's name."""
+    """Raise SceneError, with the name ``where``, if ``text`` has control characters other than newline and tab."""
     if text.isprintable():
         return
     control = next((letter for letter in text if unicodedata.category(letter) == "Cc" and letter not in "\n\t"), None)

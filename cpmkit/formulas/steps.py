@@ -78,7 +78,7 @@ def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") ->
 def parse(text: str, label: str = "the formula") -> ast.expr:
     """Return the syntax tree of a Python expression whose nodes are not checked; :func:`formula_tree` does that.
 
-    Raises SceneError if ``text`` is too long, contains #, is nested too deeply, or does not parse.
+    Raises SceneError, with ``label``, if ``text`` is too long, contains #, is nested too deeply, or does not parse.
     """
     if len(text) > MAX_FORMULA_CHARACTERS:
         raise SceneError(
@@ -98,7 +98,7 @@ def parse(text: str, label: str = "the formula") -> ast.expr:
 
 
 def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
-    """Return the reason why a syntax node is refused, with {part} in place of its text; None if it is accepted."""
+    """Return why a node with variables ``names`` is refused, with {part} in place of its text; None if accepted."""
     word: Any = None
     match node:
         case ast.Constant(value=True | False):
@@ -209,7 +209,7 @@ class Steps:
         return place
 
     def _node(self, node: ast.expr, places: list[int], known: Mapping[str, int]) -> int:
-        """Return the place of the value of a syntax node whose operands have the values at ``places``."""
+        """Return the place of a node whose operands are at ``places``; ``known`` has places of variables by name."""
         match node:
             case ast.Constant(value=int() | float() as number):
                 return self.number(number)

@@ -158,12 +158,12 @@ def _by_vtk(writer: Any, data: Any) -> bytes:
 
 
 def to_pyvista(solution: SolutionRecord, vertices: str = "display") -> Any:
-    """Return the mesh of :func:`_mesh` as a ``pyvista.PolyData`` with point data ``u``; see :func:`poly_data`."""
+    """Return the mesh, ``vertices`` "display" or "own", as ``pyvista.PolyData`` with ``u``; as :func:`poly_data`."""
     return poly_data(_mesh(solution, vertices))
 
 
 def to_trimesh(solution: SolutionRecord, vertices: str = "display") -> Any:
-    """Return a solution's mesh as a ``trimesh.Trimesh`` with colours and attributes ``u``, or ``u0``, ``u1``, ..."""
+    """Return the mesh ("display" or "own") as a ``trimesh.Trimesh`` with colours and ``u``, or ``u0``, ``u1``, ..."""
     trimesh, mesh = _library_and_mesh("trimesh", solution, vertices)
     made = trimesh.Trimesh(in_space(mesh.points), mesh.triangles, process=False)
     made.visual.vertex_colors = as_bytes(colours_of(mesh))
@@ -172,7 +172,7 @@ def to_trimesh(solution: SolutionRecord, vertices: str = "display") -> Any:
 
 
 def to_meshio(solution: SolutionRecord, vertices: str = "display") -> Any:
-    """Return a solution's mesh, with all its cells, as a ``meshio.Mesh`` with point data ``u``."""
+    """Return the mesh, ``vertices`` "display" or "own", with all its cells, as a ``meshio.Mesh`` with ``u``."""
     meshio, mesh = _library_and_mesh("meshio", solution, vertices)
     parts = {"triangle": mesh.triangles, "line": mesh.segments, "vertex": mesh.dots[:, None]}
     cells = [(kind, part) for kind, part in parts.items() if len(part)]
@@ -181,7 +181,7 @@ def to_meshio(solution: SolutionRecord, vertices: str = "display") -> Any:
 
 
 def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str = "display") -> Any:
-    """Register a solution's mesh with polyscope, and return polyscope's mesh; ``polyscope.show()`` draws it."""
+    """Register the mesh ("display" or "own") with polyscope as ``name``, and return it; ``polyscope.show()`` draws."""
     polyscope, mesh = _library_and_mesh("polyscope", solution, vertices)
     polyscope.init()
     made = polyscope.register_surface_mesh(name, in_space(mesh.points), mesh.triangles)

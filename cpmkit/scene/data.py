@@ -40,7 +40,7 @@ class Functional(ABC):
         """Return the values (n, channels) of the functional, without ``beside``, on the ``form``'s n test functions."""
 
     def loads(self, form: Any, time: float | None = None) -> Floats:
-        """Return load vectors (n, channels) of functional plus ``beside``, the latter at ``time`` (None: no time)."""
+        """Return load vectors (n, channels) in ``form`` of functional plus ``beside``, at ``time`` (None: no time)."""
         return self.values(form) if is_zero(self.beside) else form.load(self.beside, time) + self.values(form)
 
 

@@ -259,5 +259,5 @@ def _power(p: float, r: float, u: Floats, s: Floats) -> Floats:
 
 
 def _derivative_of_power(p: float, r: float, u: Floats, s: Floats) -> Floats:
-    """Return the derivative (k,) of :func:`_power` with respect to s (k,)."""
+    """Return the derivative (k,) of ``(s^2 + r^2)^(p / 2 - 1)`` with respect to s (k,)."""
     return (p - 2) * s * _power(p - 2, r, u, s)

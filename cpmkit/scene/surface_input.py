@@ -145,7 +145,7 @@ def faces_of_grid(grid: Any) -> Any:
 
 
 def _check_faces(others: Sequence[str], any_faces: bool) -> None:
-    """Raise SceneError if a mesh has no faces, or ``others``, the kinds of its other cells, is not empty."""
+    """Raise SceneError unless ``any_faces`` is True and ``others``, the kinds of cells but faces, is empty."""
     if others or not any_faces:
         raise SceneError(
             f"the surface is a mesh with {'cells of the kinds ' + ', '.join(others) if others else 'no faces'}; "

@@ -44,7 +44,7 @@ def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> di
 
 
 def _application_options(tables: Mapping[str, Any], command: str) -> dict[str, Any]:
-    """Return the table of options of the application of ``cpmkit COMMAND``; raise SceneError for an unknown key."""
+    """Return a copy of the table [``command``] of an application's options; raise SceneError for an unknown key."""
     options = as_table(tables.get(command, {}), f"[{command}]")
     check_accepted(f"[{command}]", options, tuple(APPLICATIONS[command].options))
     return options
@@ -54,7 +54,7 @@ def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -
     """Return the pair (places, vectors) that the ``table`` [[direction]] ``number`` describes.
 
     It is points and their vectors, or a curve and its direction, or a curve and a table of the directions left and
-    right of it. Raises SceneError if a key or value is not accepted.
+    right of it. Files are searched first in ``folder``. Raises SceneError if a key or value is not accepted.
     """
     where, dim = f"[[direction]] {number}", scene.surface.dim
     if "at" in table:
@@ -78,7 +78,7 @@ def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -
 
 
 def _read_direction(value: Any, dim: int, label: str) -> Any:
-    """Return a direction along a curve: a name, a vector (dim,), or a function of points if formulas are given."""
+    """Return a direction: a name, a vector (dim,), or a function of points for formulas; ``label`` is for errors."""
     if isinstance(value, str):
         return value
     if is_sequence(value) and any(isinstance(entry, str) for entry in value):
@@ -148,7 +148,8 @@ def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[
 def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
     """Return the colours on a side of a curve, as ``diffusion_curves`` takes them; None for zero flux.
 
-    Raises SceneError for a table that describes neither a formula nor zero flux.
+    A formula becomes a function of points (n, dim); a name of a .npy or .csv file, searched first in ``folder``, its
+    path; other values are unchanged. Raises SceneError, with ``label``, for any other table.
     """
     if isinstance(value, dict):
         if value == {"neumann": 0}:

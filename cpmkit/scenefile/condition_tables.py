@@ -44,7 +44,7 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
 
 
 def _read_keys(table: dict[str, Any], dim: int, where: str) -> dict[str, Any]:
-    """Return the entries of a table as :func:`read_data` does; ``where`` is the table's name in messages."""
+    """Return a table whose values are read by :func:`read_data`; ``where`` is the table's name in messages."""
     return {key: read_data(value, dim, f"{key} of {where}") for key, value in table.items()}
 
 

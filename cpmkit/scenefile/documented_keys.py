@@ -75,7 +75,7 @@ def first_sentence(text: str | None) -> str:
 
 
 def _documented_parameters(make: Callable[..., Any], section: str) -> dict[str, tuple[str, str]]:
-    """Return pairs (type, first sentence) of the parameters in a docstring's ``section``, by name; {} without it."""
+    """Return pairs (type, first sentence) of parameters in a ``section`` of ``make``'s docstring, by name, or {}."""
     doc = inspect.cleandoc(make.__doc__ or "")
     heading = re.search(rf"^{section}\n-+\n", doc, re.MULTILINE)
     if not heading:

@@ -128,7 +128,7 @@ class Look:
         return list(self.isolines)
 
     def _set(self, name: str, value: Any) -> None:
-        """Set a field of the frozen instance."""
+        """Set the field ``name`` of the frozen instance to ``value``."""
         object.__setattr__(self, name, value)
 
 

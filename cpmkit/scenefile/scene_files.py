@@ -160,8 +160,8 @@ def read_source(
     """Return the closest-point source that a table describes; the key ``kind`` is removed from ``table``.
 
     Files are searched first in ``folder``. ``surface`` is given for a boundary, whose source receives it as an argument
-    if it takes a surface and the table has none. Raises SceneError, with the name ``where`` of the table, if the kind,
-    a key or its value is not accepted, PluginError if the kind is not installed.
+    if it takes a surface and the table has no surface, file or vertices. Raises SceneError, with the name ``where`` of the
+    table, if the kind, a key or its value is not accepted, PluginError if the kind is not installed.
     """
     kind = table.pop("kind", None)
     if not isinstance(kind, str):
@@ -180,7 +180,7 @@ def read_source(
 
 
 def _as_source(value: Any, folder: Path, where: str) -> Any:
-    """Return a table as the source that :func:`read_source` makes, lists by entries, other values unchanged."""
+    """Return the source of a table by :func:`read_source`, lists entry by entry, and other values unchanged."""
     match value:
         case dict():
             return read_source(dict(value), folder, where)

@@ -36,7 +36,10 @@ Integrand = float | Callable[[Floats, Floats], Any]
 
 
 def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | None) -> float | Floats:
-    """Return the integral of the solution, or of ``function`` unless None; see :meth:`SolutionRecord.integrate`."""
+    """Return the integral, a float or (channels,), of the solution, or of ``function`` if it is not None.
+
+    ``dim`` and errors are as for :meth:`SolutionRecord.integrate`.
+    """
     dimension, form = _dimension(solution.scene.surface, dim), solution.discretized
     if form.point_weights is not None:  # the form's own quadrature, each point on its side
         read = form.at_points(solution.values)
@@ -58,7 +61,7 @@ def _one_or_each(total: Floats) -> float | Floats:
 
 
 def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
-    """Return the integrand (n,) or (n, k) at ``points`` (n, d), where the solution is ``values`` (n, channels)."""
+    """Return ``function`` (n, k) at ``points`` (n, d), where the solution is ``values`` (n, channels)."""
     if not callable(function):
         return evaluate_data(function, points, None, "the integrand")
     columns = values[:, 0] if values.shape[1] == 1 else values
@@ -84,7 +87,7 @@ def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
 
 
 def _curved_cells(solution: SolutionRecord, dim: int) -> tuple[Mesh, Floats]:
-    """Return a mesh of m curved cells on the manifold, and the solution (m, k, channels) at their k nodes.
+    """Return a mesh of the m curved cells of dimension ``dim``, and the solution (m, k, channels) at their k nodes.
 
     The nodes of a cell are its corners, then the midpoints of its edges. On boundaries the solution is that of the
     cell's side.

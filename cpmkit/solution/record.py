@@ -342,12 +342,12 @@ class SolutionRecord:
         return integrate(self, function, dim)
 
     def mean(self, function: Integrand | None = None, *, dim: int | None = None) -> float | Floats:
-        """Return the integral of :meth:`integrate`, by channel, over the length, area or volume of the manifold."""
+        """Return :meth:`integrate` of the same arguments over the length, area or volume: a float or (channels,)."""
         return self.integrate(function, dim=dim) / float(self.integrate(1.0, dim=dim))
 
     @property
     def doubled(self) -> Floats:
-        """Closest points (k, d) of the second unknowns at nodes that several sheets share; none in most forms."""
+        """Closest points (k, d) of second unknowns at nodes that several sheets share; k is 0 in forms without them."""
         doubled = self.discretized.diagnosis().doubled
         return np.zeros((0, self.scene.surface.dim)) if doubled is None else doubled
 

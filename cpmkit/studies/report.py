@@ -221,7 +221,7 @@ def trade_of(report: Report) -> str:
 
 
 def table_of(reports: Sequence[Report]) -> str:
-    """Return Markdown tables of errors: one table for all studies with a reference, and one for each other study."""
+    """Return Markdown tables of errors: a table for all reports with a reference, and a table for each other."""
     compared = [(report.title, report.by_spacing) for report in reports if report.compares and report.by_spacing]
     parts = [tables.comparison_table(compared)] if compared else []
     for report in reports:

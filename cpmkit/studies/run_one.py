@@ -125,7 +125,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
 
 
 def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
-    """Return a record's measured entries by name: errors at the points of ``truth``, work, iterations, warnings."""
+    """Return the measured entries of the record of ``run`` by name: errors at the points of ``truth``, and costs."""
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
     trade = solution.solve_history

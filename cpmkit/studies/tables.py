@@ -163,7 +163,7 @@ def attempts(series: Sequence[Series]) -> list[Attempt]:
 
 
 def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
-    """Return the Pareto front: the attempts with errors below those of all that cost no more, the cheapest first.
+    """Return the Pareto front of ``made``, cheapest first: attempts with errors below those of all that cost no more.
 
     ``cost`` is a key of :data:`COSTS`. Attempts of which it is not recorded (nan) are left out.
     """

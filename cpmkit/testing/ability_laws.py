@@ -206,7 +206,7 @@ def _require_unit(vectors: Floats, points: Floats) -> None:
 
 
 def _require_agreement(first: Floats, second: Floats, points: Floats, message: str) -> None:
-    """Raise AssertionError unless ``first`` and ``second`` (n, d) enclose acute angles at half of the n ``points``."""
+    """Raise AssertionError (``message``) if ``first``, ``second`` (n, d) have no acute angle at half of ``points``."""
     opposite = np.einsum("nd,nd->n", first, second) <= 0
     if len(points) and opposite.mean() > 0.5:
         require_rows(~opposite, points, message)

@@ -70,7 +70,7 @@ class Subject:
     answers: dict[bytes, ClosestPoints] = field(default_factory=dict)
 
     def round_off(self, x: Floats) -> Floats:
-        """Return the length (n,) that rounding may move the answers to queries ``x`` (n, d)."""
+        """Return the length (n,) by which rounding may change the answers to queries ``x`` (n, d)."""
         largest = np.abs(x).max(axis=1) + np.abs(self.source.bounds).max() + self.size
         allowed: Floats = ROUND_OFF_SHARE * largest
         return allowed
@@ -197,7 +197,7 @@ def _tube(subject: Subject) -> st.SearchStrategy[Floats]:
 def law(
     where: Literal["", "anywhere", "near", "near unless exact"] = "", ability: Any = object, together: bool = False
 ) -> Callable[[Callable[..., None]], Law]:
-    """Return a decorator of a check of a subject, or of a subject and queries (n, d), to a function of a case.
+    """Return a decorator that turns a check of a subject, or of a subject and queries (n, d), into a law.
 
     ``where``: where queries lie: anywhere, near (within the case's radius), or near unless the source is exact. Empty
         if the check takes no queries.

@@ -45,7 +45,7 @@ def make_bar(
     """Return the colour bar from the least to the greatest of ``values`` or between ``clim``, wider if these are equal.
 
     Raises InputError if matplotlib has no colour map of that name. Raises MissingDependencyError if matplotlib is not
-    installed.
+    installed. ``label`` and ``unit`` are the text beside the bar.
     """
     ends = np.array([values.min(), values.max()] if clim is None else clim, dtype=np.float64)
     size = float(np.abs(ends).max())
@@ -101,7 +101,7 @@ def compose(model: Floats, bar: Bar | None, title: str, width: int) -> Any:
 
 
 def picture_sheet(tiles: Sequence[Floats], titles: Sequence[str], columns: int) -> Floats:
-    """Return a sheet (rows, columns, 3), from 0 to 1, of equal pictures in ``columns``, each under its title."""
+    """Return a sheet (r, c, 3), from 0 to 1, of ``tiles`` of equal shape in ``columns``, each under its title."""
     width = tiles[0].shape[1]
     cells = [
         np.concatenate([title_strip(title, width, 2 * width) / 255, tile])
@@ -138,7 +138,7 @@ def _bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
 
 
 def _figure(rows: int, columns: int) -> Any:
-    """Return an empty white figure of matplotlib of this size in pixels; a pixel is a point, the unit of letters."""
+    """Return a white figure of ``rows`` by ``columns`` pixels; a pixel is a point, the unit of sizes of letters."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(columns / 72, rows / 72), dpi=72, facecolor="white")
