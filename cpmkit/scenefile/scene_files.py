@@ -160,8 +160,8 @@ def read_source(
     """Return the closest-point source that a table describes; the key ``kind`` is removed from ``table``.
 
     Files are searched first in ``folder``. ``surface`` is given for a boundary, whose source receives it as an argument
-    if it takes a surface and the table has no surface, file or vertices. Raises SceneError, with the name ``where`` of the
-    table, if the kind, a key or its value is not accepted, PluginError if the kind is not installed.
+    if it takes a surface and the table has no surface, file or vertices. Raises SceneError, with the table's name
+    ``where``, if the kind, a key or its value is not accepted, PluginError if the kind is not installed.
     """
     kind = table.pop("kind", None)
     if not isinstance(kind, str):
