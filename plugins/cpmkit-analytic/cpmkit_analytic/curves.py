@@ -22,7 +22,7 @@ class Point:
     manifold_dim: int = 0
 
     def feet(self, q: Floats) -> Feet:
-        """Return the origin for every query."""
+        """Return the origin as the closest point of each of ``q`` (n, d)."""
         return Feet(np.zeros_like(q), inside(q))
 
     def support(self, u: Floats) -> Floats:
@@ -47,13 +47,13 @@ class Segment:
     manifold_dim: int = 1
 
     def feet(self, q: Floats) -> Feet:
-        """Return the first coordinate, cut to the segment."""
+        """Return the closest points of ``q`` (n, d): the first coordinate, cut to the segment; edge 0 or 1 at ends."""
         along = np.clip(q[:, 0], 0.0, self.length)
         edge = np.where(along <= 0, 0, np.where(along >= self.length, 1, -1))
         return Feet(_on_first_axis(along, self.dim), edge, along[:, None] / self.length)
 
     def support(self, u: Floats) -> Floats:
-        """Return the reach of the farther end."""
+        """Return (n,) the largest u . p over the segment for each of ``u`` (n, d)."""
         return np.maximum(0.0, self.length * u[:, 0])
 
     def tangents(self, p: Floats) -> Floats:
@@ -65,7 +65,7 @@ class Segment:
         return _right_hand(self.tangents(p))
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return equal parts of at most ``spacing``."""
+        """Return vertices and segments (m, 2) of equal parts, at most ``spacing`` long."""
         count = intervals(self.length, spacing)
         return _on_first_axis(np.linspace(0.0, self.length, count + 1), self.dim), _chain(count)
 
@@ -103,7 +103,7 @@ class Circle:
         return _right_hand(self.tangents(p))
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return a regular polygon."""
+        """Return vertices and segments (m, 2) of a regular polygon with sides of at most ``spacing``."""
         count = intervals(FULL_TURN * self.radius, spacing, least=3)
         return self._at(FULL_TURN * np.arange(count) / count), _chain(count) % count
 
@@ -139,7 +139,7 @@ class Arc(Circle):
         return Feet(points, edge, angle[:, None])
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return equal parts of at most ``spacing``."""
+        """Return vertices and segments (m, 2) between equal parts of the arc, at most ``spacing`` long."""
         count = intervals(self.radius * self.sweep, spacing)
         return self._at(self.start + np.linspace(0.0, self.sweep, count + 1)), _chain(count)
 

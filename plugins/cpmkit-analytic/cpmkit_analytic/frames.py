@@ -51,6 +51,8 @@ def plane_frame(x_axis: Any = None) -> Floats:
 def space_frame(z_axis: Any, x_axis: Any = None, label: str = "axis") -> Floats:
     """Return the (3, 3) right-handed frame with its third axis along ``z_axis``.
 
+    Raise InputError if an axis is zero, or the two are parallel.
+
     Parameters
     ----------
     z_axis : (3,) numbers
@@ -60,11 +62,6 @@ def space_frame(z_axis: Any, x_axis: Any = None, label: str = "axis") -> Floats:
         farthest from ``z_axis``: the frame of (0, 0, 1) is the identity.
     label : str
         The name of ``z_axis`` in errors.
-
-    Raises
-    ------
-    InputError
-        If an axis is zero, or the two are parallel.
     """
     z = as_direction(z_axis, 3, label)
     towards = np.eye(3)[np.argmin(np.abs(z))] if x_axis is None else as_direction(x_axis, 3, "x_axis")

@@ -91,17 +91,14 @@ class Placed:
     def move(self, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
         """Return ``translation + scale * rotation @ x`` for the points x of this source.
 
+        Raise InputError if the matrix is not a proper rotation, a length is wrong or the scale is not above zero.
+
         Parameters
         ----------
         rotation : (d, d) matrix, (3,) rotation vector, or angle in the plane, optional
             Vectors and angles in radians.
         translation : (d,) numbers, optional
         scale : number above zero
-
-        Raises
-        ------
-        InputError
-            If the matrix is not a proper rotation, a length is wrong or the scale is not above zero.
         """
         factor = length(scale, "scale")
         turn = as_rotation(rotation, self.dim)
@@ -117,7 +114,7 @@ class Placed:
 
 
 class PlacedSurface(Placed):
-    """A hypersurface at its place: it has an outside."""
+    """A hypersurface at its place, with outward normals."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
         """Return the outward unit normals (n, d); of a curve in the plane, those at the right hand of travel."""
@@ -126,7 +123,7 @@ class PlacedSurface(Placed):
 
 
 class PlacedCurve(Placed):
-    """A curve at its place: it is walked along."""
+    """A curve at its place, with tangents."""
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
         """Return the unit tangents (n, d) in the direction of travel."""
@@ -135,11 +132,11 @@ class PlacedCurve(Placed):
 
 
 class PlacedPlaneCurve(PlacedCurve, PlacedSurface):
-    """A curve at its place in the plane: both."""
+    """A curve at its place in the plane, with tangents and normals."""
 
 
 def place(shape: Shape, center: Floats, axes: Floats) -> Placed:
-    """Return the shape at its place, as a source that has the abilities of its dimension and no other."""
+    """Return ``shape`` at ``center`` (d,) with axes in the columns of ``axes`` (d, d), as the class that fits it."""
     abilities = (shape.manifold_dim == 1, shape.manifold_dim == shape.dim - 1)
     classes = {
         (False, False): Placed,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @hookimpl
 def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
-    """Return the factories of the nine kinds."""
+    """Return the factory function of each of the nine kinds, by the name of the kind."""
     return {
         "analytic.point": factories.point,
         "analytic.segment": factories.segment,

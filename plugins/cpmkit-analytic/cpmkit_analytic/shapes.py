@@ -42,19 +42,19 @@ class Shape(Protocol):
 
 
 class HasShapeNormals(Shape, Protocol):
-    """A shape with an outside."""
+    """A hypersurface with outward normals."""
 
     def normals(self, p: Floats) -> Floats:
         """Return unit normals (n, d) at points of the shape."""
 
 
 class HasShapeTangents(Shape, Protocol):
-    """A shape that is walked along."""
+    """A curve with tangents."""
 
     def tangents(self, p: Floats) -> Floats:
         """Return unit tangents (n, d) at points of the shape."""
 
 
 def inside(q: Floats) -> Ints:
-    """Return the ``edge`` entries of feet that lie on no edge."""
+    """Return (n,) -1, the ``edge`` entries of feet that lie on no edge, one for each row of ``q``."""
     return np.full(len(q), -1, dtype=np.int64)

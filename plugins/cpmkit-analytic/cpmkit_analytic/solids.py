@@ -30,7 +30,7 @@ class Box:
 
     @property
     def manifold_dim(self) -> int:
-        """The same."""
+        """Dimension of the space: a box is solid."""
         return len(self.half)
 
     def feet(self, q: Floats) -> Feet:

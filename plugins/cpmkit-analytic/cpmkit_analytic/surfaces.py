@@ -100,7 +100,7 @@ class Torus:
         return Feet(core + self.minor * unit_or(q - core, NORTH), inside(q))
 
     def support(self, u: Floats) -> Floats:
-        """Return the reach of the core circle and of the tube around it."""
+        """Return (n,) the largest u . p over the torus for each of ``u`` (n, 3)."""
         return self.major * np.hypot(u[:, 0], u[:, 1]) + self.minor
 
     def normals(self, p: Floats) -> Floats:
@@ -141,7 +141,7 @@ class Cylinder:
         return Feet(points, np.where(up <= -half, 0, np.where(up >= half, 1, -1)))
 
     def support(self, u: Floats) -> Floats:
-        """Return the reach of the farther rim."""
+        """Return (n,) the largest u . p over the cylinder for each of ``u`` (n, 3)."""
         return self.radius * np.hypot(u[:, 0], u[:, 1]) + 0.5 * self.length * np.abs(u[:, 2])
 
     def normals(self, p: Floats) -> Floats:

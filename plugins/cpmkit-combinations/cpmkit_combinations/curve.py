@@ -77,9 +77,8 @@ class TracedCurve:
         """Return the closest points of ``x`` (n, d).
 
         ``element`` is the cubic of the foot, ``local`` (n, 1) its parameter from 0 to 1, and ``edge`` 0 at the start of
-        an open piece, 1 at its end, -1 elsewhere.
-
-        Raise InputError if ``x`` does not have shape (n, d) or is not finite.
+        an open piece, 1 at its end, -1 elsewhere. Raise InputError if ``x`` does not have shape (n, d) or is not
+        finite.
         """
         x = as_points(x, self.dim) - self.shift
         element, s = self._cubics.nearest(x)

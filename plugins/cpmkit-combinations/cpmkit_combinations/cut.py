@@ -28,7 +28,8 @@ def plane_cut(
     """Return the intersection of a surface, or of a curve, with a plane (in 2D a line).
 
     A triangle mesh is cut edge by edge. The plane may pass through vertices, along edges, or contain faces, whose
-    outline is then the cut.
+    outline is then the cut. Raise InputError if an argument is not accepted, or the plane misses the surface, only
+    touches it, or cuts it in a curve that branches.
 
     Parameters
     ----------
@@ -40,12 +41,6 @@ def plane_cut(
     resolution : int, optional
         Number of samples along the largest side of the surface, by default 128 (1024 on a curve). Pieces of the cut
         smaller than a few samples may be missed, and parts nearer than that refused.
-
-    Raises
-    ------
-    InputError
-        If an argument is not accepted, or the plane misses the surface, only touches it, or cuts it in a curve that
-        branches.
 
     Examples
     --------
@@ -83,6 +78,9 @@ def _section_by_source(surface: Any, point: Floats, normal: Floats) -> ClosestPo
 def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | None = None) -> TracedCurve | PointSet:
     """Return the points of a surface, or of a curve, at which a function vanishes and changes its sign.
 
+    Raise InputError if an argument is not accepted, or phi keeps its sign on the surface, or vanishes on a curve that
+    branches.
+
     Parameters
     ----------
     surface : source
@@ -93,11 +91,6 @@ def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | Non
         points on a curve is where the curve comes from.
     resolution : int, optional
         As for :func:`plane_cut`.
-
-    Raises
-    ------
-    InputError
-        If an argument is not accepted, or phi keeps its sign on the surface, or vanishes on a curve that branches.
 
     Examples
     --------

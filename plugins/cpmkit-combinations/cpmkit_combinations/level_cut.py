@@ -94,7 +94,7 @@ class PositionFunction:
         return np.broadcast_to(values, (len(y),)).copy()
 
     def gradient(self, y: Floats, step: float) -> Floats:
-        """Return gradients (n, d) at points ``y`` (n, d) relative to the origin, by 4th order differences in ``step``."""
+        """Return gradients (n, d) at ``y`` (n, d) relative to the origin, by differences of 4th order in ``step``."""
         if isinstance(self.function, PlaneDistance):
             return np.tile(self.function.normal, (len(y), 1))
         n, dim = y.shape
@@ -114,7 +114,10 @@ class PositionFunction:
 
 
 def plane_distance(point: Any, normal: Any, dim: int) -> PlaneDistance:
-    """Return signed distance function of the plane (in 2D the line) through ``point`` with ``normal``, (dim,) each."""
+    """Return signed distance function of the plane (in 2D the line) through ``point`` with ``normal``, (dim,) each.
+
+    Raise InputError if a vector has another length than ``dim``, is not finite, or the normal is zero.
+    """
     base, direction = as_vector(point, dim, "point"), as_vector(normal, dim, "normal")
     if not direction.any():
         raise InputError(f"normal must not be zero, got {shown(normal)}.")
@@ -170,7 +173,11 @@ class LevelCut:
         return dimension == self.surface.dim or self.surface.knows_directions(dimension or 0)
 
     def project(self, feet: ClosestPoints) -> tuple[ClosestPoints, Bools]:
-        """Return points of the cut near the manifold's points ``feet``, and (n,) whether the iteration converged."""
+        """Return points of the cut near the manifold's points ``feet``, and (n,) whether the iteration converged.
+
+        The secant method along the manifold: phi's slope is that between the last two feet, so neither normals nor the
+        surface gradient of phi are needed. A step is at most a spacing.
+        """
         y, value = feet.points.copy(), self.phi(feet.points)
         gradient = self.phi.gradient(y, CUT_DIFFERENCE_SHARE * self.size)
         with np.errstate(all="ignore"):

@@ -130,6 +130,9 @@ class Moved(Wrapper):
 def moved_source(*, of: ClosestPointSource, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Any:
     """Return the points ``translation + scale * rotation @ x`` for x on a source, with the source's abilities.
 
+    Raise InputError if ``of`` is no source, the matrix is not a proper rotation, a length is wrong or the scale is not
+    above zero.
+
     Parameters
     ----------
     of : source
@@ -140,11 +143,6 @@ def moved_source(*, of: ClosestPointSource, rotation: Any = None, translation: A
         Zero by default.
     scale : number above zero
         The factor of all lengths, 1 by default.
-
-    Raises
-    ------
-    InputError
-        If ``of`` is no source, the matrix is not a proper rotation, a length is wrong or the scale is not above zero.
 
     Examples
     --------

@@ -97,18 +97,15 @@ class PointSet:
 def points(*, at: Any = None, file: str | Path | None = None) -> PointSet:
     """Return a finite set of points: those ``at``, or those in a file.
 
+    Raise InputError if both or neither of ``at`` and ``file`` are given, the file is missing or contains no array, or
+    the points are none, of another shape or not finite.
+
     Parameters
     ----------
     at : (n, 2) or (n, 3) array
         At least one point; a single one may be given as 2 or 3 numbers.
     file : str or Path
         A ``.npy`` file that holds such an array.
-
-    Raises
-    ------
-    InputError
-        If both or neither of ``at`` and ``file`` are given, the file is missing or contains no array, or the points
-        are none, of another shape or not finite.
 
     Examples
     --------

@@ -60,7 +60,6 @@ class Solid(Wrapper):
         """Return the closest points of ``x`` (n, d): a point inside is its own.
 
         ``edge`` is -1 inside and 0 outside; where a union encloses the solid, 1000 times the number of the member.
-
         Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         x = as_points(x, self.dim)
@@ -105,7 +104,10 @@ class Solid(Wrapper):
 
 
 def signed_height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
-    """Return the components (n,) of ``x`` (n, d) minus their ``feet`` along the hypersurface's unit normals."""
+    """Return the components (n,) of ``x`` (n, d) minus their ``feet`` along the hypersurface's unit normals.
+
+    The normal of a plane curve without normals is its tangent turned to the right.
+    """
     if isinstance(hypersurface, HasNormals):
         normals = hypersurface.normals(feet)
     else:
@@ -115,7 +117,10 @@ def signed_height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
 
 
 def fill_area(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 2) and triangles (m, 3), with edges of about ``spacing``, that fill a plane area."""
+    """Return vertices (v, 2) and triangles (m, 3), with edges of about ``spacing``, that fill a plane area.
+
+    They are the triangles of a square lattice with a corner inside; corners outside are moved to the edge.
+    """
     lower, upper = np.asarray(area.bounds, dtype=np.float64)
     points, triangles = rectangle(lower, upper, spacing)
     feet = area.closest_point(points)
@@ -130,17 +135,14 @@ def fill_area(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
 def solid(*, of: ClosestPointSource) -> Any:
     """Return the inside of a closed hypersurface: a disc, a polygon, a ball, the inside of a mesh.
 
+    Raise InputError if ``of`` is of another dimension, has no normals, or is open.
+
     Parameters
     ----------
     of : source
         A closed curve in the plane with normals or tangents, or a closed surface in space with normals, of either
         sign. The solid of a union contains the points that an odd number of members encloses: a circle inside a circle
         makes a hole.
-
-    Raises
-    ------
-    InputError
-        If ``of`` is of another dimension, has no normals, or is open.
 
     Examples
     --------

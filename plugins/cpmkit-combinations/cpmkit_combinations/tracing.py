@@ -55,7 +55,11 @@ class Knots:
 
 
 def trace(cut: LevelCut) -> list[Knots]:
-    """Return the connected pieces of the zero set of ``cut`` on a surface as knots, the longest first."""
+    """Return the connected pieces of the zero set of ``cut`` on a surface as knots, the longest first.
+
+    Raise InputError if there is none, or it cannot be traced: where it branches, touches itself, or is too small for
+    the spacing.
+    """
     crossings = find_crossings(cut)
     inside, converged = cut.project(_thin_out(crossings.inside, 0.5 * cut.spacing))
     inside = inside.take(converged & (inside.edge < 0))

@@ -97,9 +97,8 @@ class Trimmed(Wrapper):
 
         On a surface ``edge`` is 0, 1, ... on the edges made by trimming, the longest first, then come the edges of the
         whole in their order; on a curve it is 0 at the start and 1 at the end. A foot is ``doubtful`` where the closest
-        point of the whole is cut away and not every part that may be nearest instead was searched.
-
-        Raise InputError if ``x`` does not have shape (n, d) or is not finite.
+        point of the whole is cut away and not every part that may be nearest instead was searched. Raise InputError if
+        ``x`` does not have shape (n, d) or is not finite.
         """
         x = as_points(x, self.dim)
         feet = self.of.closest_point(x)
@@ -222,6 +221,9 @@ class Trimmed(Wrapper):
 def trimmed_source(*, of: ClosestPointSource, trim: Any, resolution: int | None = None) -> Any:
     """Return the part of a surface or curve where a function of position is at most zero, with a true edge.
 
+    Raise InputError if an argument is not accepted, nothing is cut off or nothing is left, the edge branches, or of a
+    curve more than one piece would be left.
+
     Parameters
     ----------
     of : source
@@ -230,12 +232,6 @@ def trimmed_source(*, of: ClosestPointSource, trim: Any, resolution: int | None 
         A formula in x, y, z, or a function of points (n, d) that returns (n,). The part with trim <= 0 is left.
     resolution : int, optional
         Number of samples along the largest side among which the edge is searched, as for the kind ``cut.function``.
-
-    Raises
-    ------
-    InputError
-        If an argument is not accepted, nothing is cut off or nothing is left, the edge branches, or of a curve more
-        than one piece would be left.
 
     Examples
     --------

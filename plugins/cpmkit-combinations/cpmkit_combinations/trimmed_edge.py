@@ -116,6 +116,8 @@ class PointEdge:
 def point_edge(cut: LevelCut, points: PointSet, ends_left: Ints) -> PointEdge:
     """Return the ends of a trimmed curve.
 
+    Raise InputError if the part is not one piece with two ends.
+
     Parameters
     ----------
     cut : LevelCut
@@ -124,11 +126,6 @@ def point_edge(cut: LevelCut, points: PointSet, ends_left: Ints) -> PointEdge:
         The zeros of trim on the curve.
     ends_left : (k,) int64
         The ends of the whole that belong to the part.
-
-    Raises
-    ------
-    InputError
-        If the part is not one piece with two ends.
     """
     feet = cut.surface.closest_point(points.positions)
     outward = cut.directions(feet)[1]

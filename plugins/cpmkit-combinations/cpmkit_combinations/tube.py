@@ -84,9 +84,8 @@ class Tube:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d): at the radius from the foot on the curve, towards ``x``.
 
-        ``edge`` is -1. On the curve itself all directions across it are equal, and the feet are ``doubtful``.
-
-        Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
+        ``edge`` is -1. On the curve itself all directions across it are equal, and the feet are ``doubtful``. Raise
+        InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         x = as_points(x, self.dim)
         middle = self.around.closest_point(x)
@@ -111,9 +110,8 @@ class Tube:
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) on the tube and cells (m, d), triangles or segments, of about ``spacing``.
 
-        Triangles are wound counterclockwise as seen from outside; segments have the outside on their right.
-
-        Raise InputError if the curve itself cannot be drawn.
+        Triangles are wound counterclockwise as seen from outside; segments have the outside on their right. Raise
+        InputError if the curve itself cannot be drawn.
         """
         sweep = sweep_curves(_polylines(self.around, positive(spacing, "spacing")), self.radius, spacing)
         return self.closest_point(sweep.points).points, sweep.cells
@@ -148,17 +146,14 @@ class Tube:
 def tube(*, around: ClosestPointSource, radius: Any) -> Tube:
     """Return the points at one distance from a curve: a tube in space, in the plane the curve's offset to both sides.
 
+    Raise InputError if ``around`` is no curve, the radius is not above zero, or the tube would meet itself.
+
     Parameters
     ----------
     around : source
         A curve. The tube has caps at its open ends.
     radius : number
         The distance, above zero, and less than the curve's radii of curvature and half its distance from itself.
-
-    Raises
-    ------
-    InputError
-        If ``around`` is no curve, the radius is not above zero, or the tube would meet itself.
 
     Examples
     --------

@@ -70,10 +70,8 @@ class Union:
         """Return the closest points of ``x`` (n, d).
 
         ``element`` is the number of the member, and ``edge`` the edge number on the member plus its ``first_edges``:
-        1000 for each member before it, more for members with more edges.
-
-        Raise InputError if ``x`` holds NaN or infinity, its shape is not (n, d), or a member numbers an edge beyond its
-        limit.
+        1000 for each member before it, more for members with more edges. Raise InputError if ``x`` holds NaN or
+        infinity, its shape is not (n, d), or a member numbers an edge beyond its limit.
         """
         x = as_points(x, self.dim)
         # An end that lies in another member is as near as this member, up to rounding, and is no edge there.
@@ -110,10 +108,8 @@ class Union:
     def _local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
         """Return the rows (k,) of ``x`` (n, d) and the feet of all members within ``radius``, the nearest first.
 
-        A member without local minima contributes its closest points.
-
-        Raise InputError if ``x`` holds NaN or infinity, its shape is not (n, d), or ``radius`` is not a number above
-        zero.
+        A member without local minima contributes its closest points. Raise InputError if ``x`` holds NaN or infinity,
+        its shape is not (n, d), or ``radius`` is not a number above zero.
         """
         x, radius = as_points(x, self.dim), positive(radius, "radius")
         answers = [local_minima_of(member, x, radius) for member in self.members]
@@ -184,17 +180,13 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
     of the equation determines the flux from one to the other: it depends on the spacing, however small. Solutions and
     explanations name the members, such a solution has no error estimate, and a tolerance, seconds or memory in place of
     a spacing is refused. A union has the abilities that all its members have; normals, tangents and local minima only
-    if the members' dimensions agree, since in a mixed union the solver queries the members.
+    if the members' dimensions agree, since in a mixed union the solver queries the members. Raise InputError if there
+    are none, or one is no source or lies in another space.
 
     Parameters
     ----------
     members : list of sources
         In the same space. Members of unions become members of this one. In a scene file a list of tables.
-
-    Raises
-    ------
-    InputError
-        If there are none, or one is no source or lies in another space.
 
     Examples
     --------

@@ -114,7 +114,25 @@ ABILITIES: Mapping[type, PassingRules] = {
 
 
 def with_abilities(base: type[Base], combination: str, *sources: object) -> type[Base]:
-    """Return a cached subclass of ``base`` with the public methods that a combination of ``sources`` has."""
+    """Return a cached subclass of ``base`` with the public methods that a combination of ``sources`` has.
+
+    Parameters
+    ----------
+    base : type
+        The class of the combination, with the methods and properties of its abilities under private names.
+    combination : str
+        A column of :data:`ABILITIES`.
+    *sources
+        The sources inside the combination.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> from cpmkit.plugin import HasNormals, HasTangents
+    >>> ball = ck.source("moved", of=ck.source("analytic.sphere"), scale=2.0)
+    >>> isinstance(ball, HasNormals), isinstance(ball, HasTangents)
+    (True, False)
+    """
     rules = {ability: getattr(rules, combination) for ability, rules in ABILITIES.items()}
     abilities = tuple(ability for ability, rule in rules.items() if callable(rule) and rule(ability, sources))
     hashable_base: Any = base  # mypy does not take a class of an unknown type for hashable

@@ -52,12 +52,12 @@ def stiffness_and_mass(
 
 
 def mass_over(vertices: Floats, cells: Ints, weight: Floats, manifold_dim: int, degree: int) -> csr_array:
-    """Return the integrals (v, v) of ``weight`` u v over ``cells`` (m, n), points among them; it is given (v,)."""
+    """Return the integrals (v, v) of ``weight`` u v over ``cells`` (m, n); the weight (v,) is given at vertices."""
     return _summed(vertices, cells, _shape(manifold_dim, degree, weight), weight, False)
 
 
 def lump(mass: csr_array) -> csr_array:
-    """Return the diagonal matrix of the row sums of a mass matrix."""
+    """Return the diagonal matrix of the row sums of a ``mass`` matrix."""
     from scipy.sparse import diags_array
 
     return diags_array(np.asarray(mass.sum(axis=1)).ravel()).tocsr()
@@ -68,7 +68,7 @@ def _shape(manifold_dim: int, degree: int, weight: Floats | None) -> Shape:
 
 
 def _summed(vertices: Floats, cells: Ints, shape: Shape, weight: Floats | None, slopes: bool) -> csr_array:
-    """Return the integrals of ``weight`` times the products of functions, or of their gradients."""
+    """Return integrals (v, v) of ``weight`` (v,), None for 1, times products of functions, or of their ``slopes``."""
     from scipy.sparse import csr_array
 
     measure, inverse = unfold(jacobians(vertices, cells, shape))

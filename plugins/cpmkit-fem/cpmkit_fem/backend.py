@@ -59,6 +59,9 @@ class Elements:
     ) -> FiniteElements:
         """Discretise a scene on triangles or segments.
 
+        Raise InputError, SceneError if there are no cells, the degree is another, a boundary lies off the cells, or a
+        condition that couples two sides has only one. Raise ResolutionError if all vertices are pinned.
+
         Parameters
         ----------
         scene : Scene
@@ -69,14 +72,6 @@ class Elements:
             Degree of the polynomials on each cell: 1, or 2 with curved cells on a surface that is no mesh.
         progress : callable, optional
             ``progress(stage, fraction)``.
-
-        Raises
-        ------
-        InputError, SceneError
-            If there are no cells, the degree is another, a boundary lies off the cells, or a condition that couples two
-            sides has only one.
-        ResolutionError
-            If all vertices are pinned.
         """
         if degree not in (1, 2):
             raise InputError(f"backend='fem' has elements of degree 1 and 2, got degree={degree!r}; use degree=2.")
@@ -102,7 +97,11 @@ class PinnedElements:
     def discretize(
         self, scene: Scene, spacing: float | None = None, *, progress: Progress = no_progress
     ) -> FiniteElements:
-        """Triangulate a scene; as :meth:`Elements.discretize` does, with values at boundaries alone."""
+        """Discretise a scene on its uncut triangles, with pinned vertices in place of boundaries.
+
+        ``spacing`` and ``progress`` are those of :meth:`Elements.discretize`, and so are the exceptions. Raise
+        InputError also for a curve, SceneError if a boundary has no Dirichlet condition that is equal on both sides.
+        """
         if scene.surface.manifold_dim == 1:
             raise InputError("backend='fem-pinned' pins vertices of surfaces, got a curve; use backend='fem'.")
         progress("build", 0.0)
@@ -110,7 +109,7 @@ class PinnedElements:
 
 
 def _flat_cell_warnings(mesh: CellMesh, off: Floats) -> Iterator[str]:
-    """Yield a warning of nodes that could not be moved onto the surface or the boundary."""
+    """Yield a warning if ``off`` (n,), the nodes' distances from their wanted places, exceeds a share of an edge."""
     if off.max() > OFF_EDGE_SHARE * mesh.mean_edge:
         flat = int((off > OFF_EDGE_SHARE * mesh.mean_edge)[mesh.cells].any(axis=1).sum())
         yield (

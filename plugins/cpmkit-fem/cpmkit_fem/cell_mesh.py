@@ -45,12 +45,12 @@ class CellMesh:
 
     @cached_property
     def edges(self) -> Ints:
-        """(e, 2) each edge of a cell once."""
+        """(e, 2) the corners, ascending, of each edge of the mesh, each edge once."""
         return np.unique(np.sort(self.corners[:, EDGES_OF[self.manifold_dim]].reshape(-1, 2), axis=1), axis=0)
 
     @cached_property
     def facets(self) -> tuple[Ints, Ints, Ints]:
-        """Each facet once, (f, c) nodes: edges of triangles, ends of segments; its cells' number; a corner opposite."""
+        """The facets' nodes (f, c), edges or ends of cells; how many cells (f,) each has; a corner (f,) opposite it."""
         k = self.manifold_dim + 1
         around = (np.arange(k)[:, None] + np.arange(1, k)) % k
         facets, opposite = self.corners[:, around].reshape(-1, k - 1), self.corners.ravel()
@@ -89,7 +89,7 @@ class CellMesh:
         return longest
 
     def check(self) -> None:
-        """Refuse a mesh without cells, or with cells without a measure; raise InputError if so."""
+        """Raise InputError if the mesh has no cells, or has triangles without area."""
         if not len(self.cells):
             raise InputError("backend='fem' needs triangles with three different corners, got none.")
         if self.manifold_dim == 1:

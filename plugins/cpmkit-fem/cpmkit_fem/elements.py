@@ -24,16 +24,16 @@ PARTS = {
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Functions on a reference element at points of it.
+    """Values, derivatives and weights of the basis functions of a reference element at q points.
 
     Attributes
     ----------
     values : (n, q) float64
-        Of each of n functions.
+        The values of each of n functions.
     slopes : (n, k, q) float64
         Their derivatives along k axes.
     weights : (q,) float64
-        Of the points; they add up to the element's measure.
+        Quadrature weights, which add up to the element's measure; 1 for points that are no quadrature rule.
     """
 
     values: Floats
@@ -43,7 +43,7 @@ class Shape:
 
 @lru_cache(maxsize=16)
 def quadrature(manifold_dim: int, degree: int, order: int) -> Shape:
-    """Return the functions at points that integrate polynomials of an ``order`` exactly."""
+    """Return the basis functions at quadrature points that are exact for polynomials up to ``order``; cached."""
     from skfem.quadrature import get_quadrature
 
     if manifold_dim == 0:
@@ -53,7 +53,7 @@ def quadrature(manifold_dim: int, degree: int, order: int) -> Shape:
 
 
 def shape_at(manifold_dim: int, degree: int, points: Floats, weights: Floats | None = None) -> Shape:
-    """Return the functions at ``points`` (k, q) of the reference element."""
+    """Return the basis functions at ``points`` (k, q) of the reference element; ``weights`` (q,) are 1 by default."""
     found = [_element(manifold_dim, degree).lbasis(points, i) for i in range(NODES[manifold_dim, degree])]
     count = points.shape[1]
     values = np.stack([np.broadcast_to(phi, (count,)) for phi, _ in found])
@@ -70,5 +70,5 @@ def _element(manifold_dim: int, degree: int):  # type: ignore[no-untyped-def]  #
 
 
 def in_parts(cells: Ints, manifold_dim: int, degree: int) -> Ints:
-    """Return the parts (m, k) of elements (m, n), between nodes that are next to each other."""
+    """Return linear cells (p, k) between nodes of ``cells`` (m, n); of degree 2 four a triangle, two a segment."""
     return np.ascontiguousarray(cells[:, PARTS[manifold_dim, degree]].reshape(-1, manifold_dim + 1))

@@ -31,12 +31,13 @@ from cpmkit_fem.rim import RimPart
 
 @dataclass(frozen=True, eq=False)
 class Equations(OnNodes):
-    """The equations on the nodes of a mesh."""
+    """The assembled equations of a scene on the nodes of a mesh: stiffness, loads, and conditions."""
 
     def stiffness(self, terms: Terms) -> VertexOperator:
-        """Return A, the integrals of a grad u . grad v + c u v, and over the rim of a beta / alpha u v.
+        """Return A, the integrals of a grad u . grad v + c u v, and over the rim of a beta / alpha u v, with ties.
 
-        Raise SceneError if there is a velocity. Raise InputError if a diffusivity is not above zero.
+        Raise SceneError if there is a velocity. Raise InputError if a diffusivity is not above zero, or a lumped mass
+        is of degree 2.
         """
         if terms.velocity is not None:
             kind = self.scene.problem.kind
@@ -70,7 +71,7 @@ class Equations(OnNodes):
         return [part for part in self.rim if not isinstance(part.law, Value)]
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return the integrals of f v, f linear between the vertices; none at pinned vertices."""
+        """Return the integrals (n, channels) of f v, ``f`` interpolated between nodes at ``time``; zero at pins."""
         b = self.load_of_unknowns(
             self.mass_matrix @ self.data_at_points(f, "the right-hand side f", time, self.scene.channels)
         )
@@ -78,7 +79,7 @@ class Equations(OnNodes):
         return b
 
     def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
-        """Return the integrals of the fluxes' data over the rim, and what the given values add to b."""
+        """Return the load (n, channels) of the conditions' data at ``time``: fluxes, jumps and prescribed values."""
         del of  # a second Laplacian is refused
         assert isinstance(stiffness, VertexOperator)
         b = np.zeros((self.size, self.scene.channels))
@@ -91,7 +92,7 @@ class Equations(OnNodes):
         return np.asarray(b - stiffness.coupling @ self.pins.values(time))
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
-        """Return the integrals of a u v over the parts of the rim where du/db = lambda u; None where there are none."""
+        """Return integrals of a u v over the parts of the rim with the law du/db = lambda u; None if there are none."""
         assert isinstance(stiffness, VertexOperator)
         pairs = zip(self._flows, stiffness.rims, strict=True)
         spectral = [rim for part, rim in pairs if isinstance(part.law, Spectral)]
@@ -103,7 +104,7 @@ class Equations(OnNodes):
         )
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the pieces on which a constant is free, with means over them; None where there is none."""
+        """Return indicators and means of the pieces on which A leaves a constant undetermined; None if none."""
         assert isinstance(stiffness, VertexOperator)
         border = None if stiffness.fixed else super().free_constants(stiffness)
         if border is None or self.change is None:
@@ -120,7 +121,7 @@ class Equations(OnNodes):
         return [part for part in self.rim if isinstance(part.law, Nonlinear)]
 
     def linearise(self, seen: Sequence[Floats]) -> Self:
-        """Return the form with the fluxes' tangents."""
+        """Return form with each nonlinear flux replaced by its tangent at ``seen``, u at each such part's vertices."""
         values = iter(seen)
         rim = [part.linearise(next(values)) if isinstance(part.law, Nonlinear) else part for part in self.rim]
         return replace(self, rim=rim)

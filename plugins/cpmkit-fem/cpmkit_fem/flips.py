@@ -16,7 +16,7 @@ ROUNDS = 6
 
 
 def flip_boundary_chords(mesh: CellMesh, kept: Ints) -> CellMesh:
-    """Return triangles with longest edges of thin ones exchanged for the other diagonal, but for ``kept`` (e, 2).
+    """Return the mesh with longest edges of thin triangles flipped, except for the edges ``kept`` (e, 2).
 
     Edges of the rim, and so those on cuts, have no other diagonal.
     """
@@ -55,7 +55,7 @@ def _longest_first(nodes: Floats, cells: Ints) -> Ints:
 
 
 def _shapes(nodes: Floats, cells: Ints) -> Floats:
-    """Return the height (...) of each triangle (..., 3) over its longest edge, as a share of this."""
+    """Return (...) the height over the longest edge of each triangle (..., 3), divided by that edge."""
     corners = nodes[cells]
     first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=-2), axis=-1).max(axis=-1)
@@ -64,13 +64,13 @@ def _shapes(nodes: Floats, cells: Ints) -> Floats:
 
 
 def _better(nodes: Floats, new: Ints, thin: Ints, other: Ints) -> Bools:
-    """Return which pairs (k,) of new triangles are less thin than the old ones."""
+    """Return (k,) which pairs of triangles ``new`` (2, k, 3) are less thin than ``thin`` and ``other`` (k, 3)."""
     before = np.minimum(_shapes(nodes, thin), _shapes(nodes, other))
     return np.asarray(_shapes(nodes, new).min(axis=0) > before)
 
 
 def _apart(thin: Ints, other: Ints, wanted: Bools, count: int) -> Bools:
-    """Return which flips (k,) are the first, of those ``wanted``, of both of their triangles."""
+    """Return (k,) which flips are the first, of those ``wanted`` (k,), of both triangles ``thin`` and ``other``."""
     number = np.arange(len(thin))
     first = np.full(count, len(thin))
     for cells in (thin, other):

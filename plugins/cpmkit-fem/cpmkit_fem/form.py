@@ -42,19 +42,25 @@ class FiniteElements(Equations):
     # Values
 
     def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
-        """Return the values at nodes: u, except where a jump is an unknown."""
+        """Return the values (n, channels) at nodes, or at those in ``rows``, of the unknowns ``u``.
+
+        Both are equal except at nodes whose unknown is a jump.
+        """
         values = self.change_variables(u)
         return values if rows is None else values[rows]
 
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
-        """Return ``values`` with the prescribed values at ``time``."""
+        """Return unknowns of ``values`` (n, channels), with prescribed values at ``time``, by default the start's."""
         del start
         return self._with_prescribed(values, self.pins.values(self.scene.problem.start_time if time is None else time))
 
     def interpolate(
         self, data: Data, label: str, time: float = 0.0, in_range: bool = False, step: float = 0.0
     ) -> Floats:
-        """Return ``data`` at the vertices; at pinned ones the prescribed values, or their rates over a ``step``."""
+        """Return the unknowns (n, channels) of ``data`` at nodes and ``time``; at pinned nodes the prescribed values.
+
+        With a ``step`` above 0 those are rates: differences over the step. ``label`` names the data in errors.
+        """
         del in_range
         prescribed = self.pins.values(time)
         if step:
@@ -62,6 +68,11 @@ class FiniteElements(Equations):
         return self._with_prescribed(self.data_at_points(data, label, time, self.scene.channels), prescribed)
 
     def _with_prescribed(self, values: Floats, prescribed: Floats) -> Floats:
+        """Return unknowns of ``values`` (n, channels) at nodes, with ``prescribed`` (p, channels) at pinned vertices.
+
+        Where a jump changes, both of its sides move in inverse proportion to their masses, so that the integral is
+        kept.
+        """
         u = self.change_variables(values).copy()
         left, right = sides_of_jumps(self.ties)
         before = u[right]
@@ -72,17 +83,16 @@ class FiniteElements(Equations):
         return u
 
     def inner(self, u: Floats, v: Floats) -> Floats:
-        """Return the means (k, m) over the mesh of the products of u's columns with v's."""
+        """Return the means (k, m) over the mesh of the products of the columns of ``u`` (n, k) and ``v`` (n, m)."""
         return np.asarray(
             self.change_variables(u).T @ (self.mass_matrix @ self.change_variables(v)) / self.mass_matrix.sum()
         )
 
     def rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> csr_array:
-        """Return the matrix (k, v) that evaluates u at the nearest points of the mesh, on the points' own side.
+        """Return matrix (k, n) that evaluates u at the mesh's nearest points to ``points`` (k, d), on their own side.
 
-        On a boundary the side is ``side``, or left.
-
-        Raise InputError if a point is not finite, or a side is neither left nor right of a boundary of the scene.
+        On a boundary the side is ``side``, or by name of the boundary ``side[name]``, by default left. Raise InputError
+        if a point is not finite, or a side is neither left nor right of a boundary of the scene.
         """
         queries = as_points(points, self.scene.surface.dim)
         if self.mesh.curved:
@@ -108,17 +118,17 @@ class FiniteElements(Equations):
         return small_boundary_warnings(self.scene, cutting, self.spacing, SMALL_EDGES * self.mesh.mean_edge)
 
     def work(self, operator: Operator, report: SolveReport | None) -> FemWork:
-        """Return the sizes of the mesh and the counts of the solve."""
+        """Return sizes of the mesh and of the matrix of ``operator``, and its applications, 0 without a ``report``."""
         free, done = self.size - len(self.pins.vertices), report.operator_applications if report else 0
         return FemWork(free, self.size, len(self.mesh.cells), operator.nonzeros, done)
 
     def describe(self) -> dict[str, Any]:
-        """Return the name of the form and the degree of its elements."""
+        """Return a record with the name of the form, "fem" or "fem-pinned", and the degree of its elements."""
         pinned = self.cut is None and bool(self.scene.boundaries)
         return {"backend": "fem-pinned" if pinned else "fem", "degree": self.mesh.degree}
 
     def display_mesh(self, u: Floats) -> DisplayMesh:
-        """Return the mesh with u at its vertices."""
+        """Return the mesh to draw, with the values of the unknowns ``u`` (n, channels) at its vertices."""
         from cpmkit.plugin import DisplayMesh, vertex_normals
 
         drawn = self.scene.surface.dim == 3 and self.mesh.manifold_dim == 2

@@ -13,10 +13,10 @@ MOST_LOCATION_PAIRS = 1 << 18
 
 
 def nearest_on_cells(vertices: Floats, faces: Ints, queries: Floats) -> tuple[Ints, Floats]:
-    """Return the cell (n,) that holds the nearest point of each query, and its barycentric coordinates (n, k).
+    """Return the cell (n,) that holds the nearest point of each of ``queries`` (n, d), and its coordinates (n, k).
 
-    Cells, triangles (k = 3) or segments (k = 2), are taken by powers of two of their radius, for one large cell would
-    spoil the bound of all small ones.
+    ``faces`` (m, k) are triangles or segments between ``vertices`` (v, d); coordinates are barycentric. Cells are
+    searched in groups of similar radius, since a large cell would weaken the bound of all small cells.
     """
     corners = vertices[faces]
     radii = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
@@ -36,10 +36,10 @@ def nearest_on_cells(vertices: Floats, faces: Ints, queries: Floats) -> tuple[In
 
 
 def _nearest_of_one_size(corners: Floats, radius: float, queries: Floats, bound: Floats) -> tuple[Ints, Floats, Floats]:
-    """Return the nearest of cells (m, k, d), barycentric coordinates and distances; of interest below ``bound``.
+    """Return the nearest (n,) of cells (m, k, d), barycentric coordinates (n, k) and distances (n,).
 
-    A cell lies within ``radius`` of its centroid. So none past the k nearest centroids can be nearer
-    once the best distance is below the k-th centroid's less the radius.
+    Answers are exact only below ``bound`` (n,). A cell lies within ``radius`` of its centroid. So none past the k
+    nearest centroids can be nearer once the best distance is below the k-th centroid's less the radius.
     """
     from scipy.spatial import cKDTree
 
@@ -78,7 +78,7 @@ def _feet(corners: Floats, queries: Floats) -> tuple[Floats, Floats]:
 
 
 def _in_plane(corners: Floats, queries: Floats) -> Floats:
-    """Return the barycentric coordinates of the projection on the triangle's plane."""
+    """Return barycentric coordinates (n, c, 3) of the queries' projections on triangles' planes; -1 without area."""
     a, e, f = corners[..., 0, :], corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     d = queries[:, None, :] - a
     ee, ef, ff, ed, fd = (np.sum(p * q, axis=-1) for p, q in ((e, e), (e, f), (f, f), (e, d), (f, d)))
@@ -89,7 +89,7 @@ def _in_plane(corners: Floats, queries: Floats) -> Floats:
 
 
 def _on_side(corners: Floats, queries: Floats, side: int) -> Floats:
-    """Return the barycentric coordinates of the nearest point of one side."""
+    """Return barycentric coordinates (n, c, k) of the queries' nearest points on the edge that starts at ``side``."""
     k = corners.shape[2]
     start, end = corners[..., side, :], corners[..., (side + 1) % k, :]
     along = end - start

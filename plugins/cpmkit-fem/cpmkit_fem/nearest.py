@@ -30,7 +30,7 @@ def pinned_vertices(scene: Scene, mesh: CellMesh) -> Sequence[RimPart]:
 
 
 def pin_warnings(parts: Sequence[RimPart]) -> tuple[str, ...]:
-    """Return warnings of pinned vertices that are not on their boundaries, with the distances."""
+    """Return a warning for each of ``parts`` that pins vertices off its boundary, with the largest distance."""
     return tuple(
         f"The {part.label} pins {len(part.on)} vertices up to {part.off.max():.3g} away from it (a mean edge is "
         f"{part.mesh.mean_edge:.3g}): the answer is of first order there."
@@ -51,7 +51,7 @@ def _nearest_part(boundary: BoundarySet, mesh: CellMesh) -> RimPart:
 
 
 def _nearest_vertices(boundary: BoundarySet, mesh: CellMesh) -> Ints:
-    """Return the vertices nearest to some point of the boundary, without gaps along edges."""
+    """Return (k,) the vertices nearest to points of the boundary, and ends of crossed edges, so that no path passes."""
     from scipy.spatial import cKDTree
 
     nearest = np.unique(cKDTree(mesh.nodes).query(_samples(boundary, mesh))[1])
@@ -59,7 +59,10 @@ def _nearest_vertices(boundary: BoundarySet, mesh: CellMesh) -> Ints:
 
 
 def _samples(boundary: BoundarySet, mesh: CellMesh) -> Floats:
-    """Return points of the boundary, denser than vertices: closest points of samples of the triangles near it."""
+    """Return points (k, d) of the boundary, denser than vertices: closest points of samples of the triangles near it.
+
+    Raise SceneError if no triangle is near it.
+    """
     corners = mesh.nodes[mesh.corners]
     nearby = boundary.source.closest_point(corners.mean(axis=1)).distance <= mesh.longest_edges
     if not nearby.any():

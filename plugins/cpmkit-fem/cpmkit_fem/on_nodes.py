@@ -88,17 +88,17 @@ class OnNodes(Discretized):
 
     @cached_property
     def spacing(self) -> float:
-        """The mean length of a cell's side."""
+        """The mean length of a cell's edges; an edge of two cells counts twice."""
         corners = self.vertices[self.mesh.corners]
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
     @cached_property
     def points(self) -> Floats:
-        """(v, d) the nodes; on boundaries a little on their own side, for data that differ on the two."""
+        """(n, d) the nodes; those on boundaries moved a little to their own side, where both sides' data may differ."""
         return on_own_side(self.scene, self.mesh, self.cut)
 
     def with_scene(self, scene: Scene) -> Self:
-        """Return the same mesh and matrices with another scene, whose conditions have other data at most."""
+        """Return this form for ``scene``, of the same geometry, with the same matrices and new conditions' data."""
         pairs = zip(scene.boundaries, self.scene.boundaries, strict=True)
         if scene.edge is self.scene.edge and all(first is second for first, second in pairs):
             return replace(self, scene=scene, pins=replace(self.pins, channels=scene.channels))
@@ -108,7 +108,7 @@ class OnNodes(Discretized):
 
     @cached_property
     def mass(self) -> CsrOperator:
-        """M, with no rows at pinned vertices, and columns there only where data, and so their values, move in time."""
+        """The mass matrix with zero rows at pinned vertices; their columns stay only where data depend on time."""
         moves = conditions_depend_on_time(self.scene)
         return CsrOperator(without(self._mass, self.pins.vertices, columns=not moves), symmetric=not moves)
 
@@ -122,20 +122,20 @@ class OnNodes(Discretized):
         return change_of(self.ties, self.size)
 
     def matrix_of_unknowns(self, matrix: csr_array) -> csr_array:
-        """Return ``T' matrix T``: a bilinear form of values at nodes, as one of unknowns."""
+        """Return ``T' matrix T`` (n, n): a bilinear form of values at nodes as a form of the unknowns."""
         return matrix if self.change is None else (self.change.T @ matrix @ self.change).tocsr()
 
     def load_of_unknowns(self, b: Floats) -> Floats:
-        """Return ``T' b``: a load of the functions of nodes, as one of the unknowns."""
+        """Return ``T' b`` (n, channels): a load of the nodes' test functions as a load of the unknowns'."""
         return b if self.change is None else np.asarray(self.change.T @ b)
 
     def change_variables(self, values: Floats) -> Floats:
-        """Return ``T values``: the unknowns of values at nodes, and the reverse."""
+        """Return ``T values`` (n, channels): unknowns from values at nodes, or the reverse: T is its own inverse."""
         return values if self.change is None else np.asarray(self.change @ values)
 
 
 def conditions_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[RimPart]:
-    """Return the parts of the rim and the sides of boundaries, each with its law."""
+    """Return parts of the rim and the sides of boundaries, or pinned vertices if ``cut`` is None, each with its law."""
     if cut is None:
         return [*pinned_vertices(scene, mesh), *rim_of(scene, mesh, np.zeros((0, mesh.manifold_dim), dtype=np.int64))]
     return [*sides_of(scene, mesh, cut), *rim_of(scene, mesh, cut.edges)]

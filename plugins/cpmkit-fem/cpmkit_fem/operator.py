@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VertexOperator(CsrOperator):
-    """A, with what data of the conditions need of the equation's terms.
+    """The matrix A of a scene, with the matrices by which the conditions' data enter the right-hand side.
 
     Attributes
     ----------
     matrix : csr_array (v, v)
         A.
     coupling : csr_array (v, p)
-        What a value at a pinned vertex takes from b: K_fp, and -D at the vertex itself.
+        The matrix that multiplies the p prescribed values and is subtracted from b: K_fp, and -D at the vertex itself.
     rims : sequence of csr_array (v, v)
         For each part of the rim, the integrals of a u v divided by the law's alpha.
     fixed : bool
         Whether c alone surely fixes the solution.
     diffusivity : (v,) float64
-        At the vertices.
+        The diffusivity at the vertices.
     """
 
     coupling: csr_array
@@ -45,7 +45,10 @@ class VertexOperator(CsrOperator):
 def pinned_operator(
     matrix: csr_array, pins: Ints, rims: Sequence[csr_array], fixed: bool, diffusivity: Floats
 ) -> VertexOperator:
-    """Return A of a symmetric K (v, v) with ``pins`` (p,)."""
+    """Return A: the symmetric ``matrix`` K (v, v) with rows and columns of ``pins`` (p,) replaced by D, abs(diag K).
+
+    ``rims``, ``fixed`` and ``diffusivity`` are stored as :class:`VertexOperator` describes.
+    """
     diagonal = np.zeros(len(matrix.indptr) - 1)
     diagonal[pins] = np.abs(matrix.diagonal()[pins])
     rows = diagonal_matrix(diagonal)
@@ -57,7 +60,7 @@ def pinned_operator(
 
 
 def without(matrix: csr_array, pins: Ints, columns: bool) -> csr_array:
-    """Return the matrix (v, v) with zero rows at ``pins`` (p,), and zero columns if requested."""
+    """Return the matrix (v, v) with zero rows at ``pins`` (p,), and zero columns if ``columns``."""
     free = np.ones(matrix.shape[0])
     free[pins] = 0.0
     kept = diagonal_matrix(free)
@@ -67,7 +70,7 @@ def without(matrix: csr_array, pins: Ints, columns: bool) -> csr_array:
 
 
 def diagonal_matrix(diagonal: Floats) -> csr_array:
-    """Return a matrix (v, v) of its diagonal (v,)."""
+    """Return the sparse matrix (v, v) with the given ``diagonal`` (v,), without stored zeros."""
     from scipy.sparse import diags_array
 
     made: csr_array = diags_array(diagonal).tocsr()

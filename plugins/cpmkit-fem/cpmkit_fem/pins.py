@@ -19,7 +19,7 @@ class Pins:
     Attributes
     ----------
     vertices : (p,) int64
-        Ascending.
+        The pinned vertices, ascending.
     parts : sequence of RimPart and Tie
         Parts with values, and ties with a prescribed jump.
     picked : (p,) int64
@@ -41,7 +41,7 @@ class Pins:
 
 
 def pins_of(parts: Sequence[RimPart], ties: Sequence[Tie], channels: int) -> Pins:
-    """Return the vertices whose values the conditions of ``parts`` and the jumps of ``ties`` prescribe."""
+    """Return the pinned vertices: those of ``parts`` with a Value law, and those of ``ties`` that prescribe a jump."""
     prescribed: list[RimPart | Tie] = [part for part in parts if isinstance(part.law, Value)]
     prescribed += [tie for tie in ties if tie.prescribes_jump]
     vertices = np.concatenate([np.zeros(0, dtype=np.int64), *(part.on for part in prescribed)])

@@ -10,5 +10,5 @@ from cpmkit_fem.backend import fem, fem_pinned
 
 @hookimpl
 def cpmkit_backends() -> Mapping[str, Callable[[], Backend]]:
-    """Return the factories of both."""
+    """Return the factory functions of the forms "fem" and "fem-pinned", by name."""
     return {"fem": fem, "fem-pinned": fem_pinned}

@@ -24,7 +24,7 @@ ROUNDS_OF_MEETING, NEARER = 5, 0.125
 
 
 def with_midpoints(mesh: CellMesh) -> CellMesh:
-    """Return a mesh of degree 1 as a mesh of degree 2 with straight edges."""
+    """Return ``mesh``, of degree 1, as a mesh of degree 2 with nodes at the midpoints of its straight edges."""
     k = mesh.manifold_dim + 1
     pairs = np.sort(mesh.corners[:, EDGES_OF[mesh.manifold_dim]].reshape(-1, 2), axis=1)
     edges, number = np.unique(pairs, axis=0, return_inverse=True)
@@ -36,10 +36,11 @@ def with_midpoints(mesh: CellMesh) -> CellMesh:
 
 
 def curve_mesh(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellMesh, Floats]:
-    """Return a mesh whose nodes are moved onto the surface, its rim and boundaries, and the remaining distances (n,).
+    """Return the mesh with nodes moved onto the surface, rim and boundaries, and (n,) their distances from that goal.
 
-    Nodes near the rim and boundaries move with these, so that thin cells keep their shape. A node stays where it is if
-    it would move far or invert a cell.
+    ``mesh`` is of degree 2 with straight edges; ``cut`` is None without boundaries. Nodes near the rim and boundaries
+    move with these, so that thin cells keep their shape. A node stays where it is if it would move far or invert a
+    cell.
     """
     lines, wanted = _on_lines(scene, mesh, cut)
     merged, number = _merge_nodes(mesh)
@@ -85,7 +86,7 @@ def _on_lines(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[Ints, 
 
 
 def _displace_neighbours(mesh: CellMesh, lines: Ints, moved: Floats, points: Floats, reach: Floats) -> Floats:
-    """Return displacements of ``points`` (k, d) near lines whose nodes have the displacements ``moved`` (n, d).
+    """Return displacements of ``points`` (k, d) near the edges ``lines`` (f, 3) with ``moved`` (n, d) nodes.
 
     A point moves as its nearest place on a line, with a factor that decreases linearly to zero at the ``reach`` (n,) of
     the line's nodes.
@@ -106,14 +107,14 @@ def _merge_nodes(mesh: CellMesh) -> tuple[CellMesh, Ints]:
 
 
 def _edge_at_nodes(mesh: CellMesh) -> Floats:
-    """Return for each node (n,) the smallest of its cells' longest edges."""
+    """Return (n,) for each node the least, over its cells, of the cell's longest edge."""
     length = np.full(len(mesh.nodes), np.inf)
     np.minimum.at(length, mesh.cells, mesh.longest_edges[:, None])
     return length
 
 
 def _untangle(mesh: CellMesh, wanted: Floats) -> Floats:
-    """Return the nodes at their ``wanted`` places (n, d), except those of cells that would be inverted."""
+    """Return the nodes at their ``wanted`` places (n, d); those of cells that would be inverted move back."""
     nodes, k = wanted.copy(), mesh.manifold_dim + 1
     for turn in range(ROUNDS_OF_UNTANGLING):
         folded = mesh.cells[_inverted_cells(mesh, nodes)]
@@ -126,7 +127,7 @@ def _untangle(mesh: CellMesh, wanted: Floats) -> Floats:
 
 
 def _inverted_cells(mesh: CellMesh, nodes: Floats) -> Bools:
-    """Return which cells (m,) are inverted, or shrink below LEAST_MEASURE_SHARE of the flat cell, at some point."""
+    """Return (m,) which cells with ``nodes`` (n, d) are inverted or below LEAST_MEASURE_SHARE of the flat measure."""
     dim = mesh.manifold_dim
     corners = np.array([[0, 1, 0, 0.5, 0.5, 0], [0, 0, 1, 0, 0.5, 0.5]]) if dim == 2 else np.array([[0, 1, 0.5]])
     flat = shape_at(dim, 1, corners[:, :1])

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 def on_curved(mesh: CellMesh, cell: Ints, local: Floats, points: Floats) -> Floats:
     """Return the barycentric coordinates (k, c) of the places on curved cells nearest to ``points`` (k, d) near them.
 
-    From those on the flat cells, which stay where steps lead far away.
+    ``cell`` (k,) are the cells; Newton's method starts from ``local`` (k, c) on the flat cells, which is returned where
+    the steps lead far away.
     """
     start = local[:, 1:].T
     found, nodes = start, mesh.nodes[mesh.cells[cell]]
@@ -36,7 +37,7 @@ def on_curved(mesh: CellMesh, cell: Ints, local: Floats, points: Floats) -> Floa
 
 
 def reading_matrix(mesh: CellMesh, cell: Ints, local: Floats) -> csr_array:
-    """Return the matrix (k, n) that reads u in a cell (k,) each, at barycentric coordinates (k, c) of its corners."""
+    """Return the matrix (k, n) that evaluates u in ``cell`` (k,) at barycentric coordinates ``local`` (k, c)."""
     from scipy.sparse import csr_array
 
     values = local if mesh.degree == 1 else shape_at(mesh.manifold_dim, mesh.degree, local[:, 1:].T).values.T

@@ -41,7 +41,7 @@ EDGE_LABEL = "the edge's condition"
 
 @dataclass(frozen=True, eq=False)
 class RimPart:
-    """Facets with a common law: of the rim, or on one side of a boundary.
+    """Facets of the rim, or on one side of a boundary, on which the same one-sided condition holds.
 
     Attributes
     ----------
@@ -91,13 +91,13 @@ class RimPart:
         return evaluate_data(self.law.datum, self.points, channels, self.label, time)
 
     def data_at_vertices(self, data: Data, channels: int, time: float | None) -> Floats:
-        """Return data (v, channels) at the part's vertices, zero at all others."""
+        """Return ``data`` (n, channels), evaluated for the part's vertices and zero at all other nodes of the mesh."""
         values = np.zeros((len(self.mesh.nodes), channels))
         values[self.on] = evaluate_data(data, self.points, channels, self.label, time)
         return values
 
     def mass(self, weight: Floats) -> csr_array:
-        """Return the integrals (v, v) of ``weight`` u v over the part; the weight (v,) is linear on each edge."""
+        """Return integrals (n, n) of w u v over the part; ``weight`` w (n,) has values at nodes and is a polynomial."""
         return mass_over(self.mesh.nodes, self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree)
 
     # For Newton's method where the flux depends on u
@@ -108,15 +108,15 @@ class RimPart:
         return self._flux.guess
 
     def read(self, u: Floats) -> Floats:
-        """Return u (k,) at the part's vertices."""
+        """Return the first channel (k,) of ``u`` (n, channels) at the part's vertices."""
         return np.asarray(u[self.on, 0])
 
     def grows(self, seen: Floats) -> bool:
-        """Return whether the flux depends on u, beyond rounding, where u is ``seen``."""
+        """Return whether |dj/du| times the mean edge exceeds :data:`STILL` anywhere, j the flux, u = ``seen`` (k,)."""
         return bool(np.any(np.abs(self._flux.slope_at(seen, self.points)) * self.mesh.mean_edge > STILL))
 
     def linearise(self, seen: Floats) -> RimPart:
-        """Return the part with ``du/db = j(v) + j'(v) (u - v)``, v being ``seen``."""
+        """Return the part with the linear law ``du/db = j(v) + j'(v) (u - v)``, v = ``seen`` (k,) at its vertices."""
         slope, flux = self._flux.slope_at(seen, self.points), self._flux.flux_at(seen, self.points)
         return replace(self, law=Mixed(1.0, lambda _: -slope, lambda _: flux - slope * seen))
 
@@ -141,7 +141,7 @@ def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
 
 
 def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
-    """Return the facets (e, c) of one cell, except ``besides`` (b, corners), and the corner (e,) opposite each."""
+    """Return facets (e, c) of one cell each, without ``besides`` (b, corners), and the corner (e,) opposite each."""
     facets, count, opposite = mesh.facets
     k, size = mesh.manifold_dim, len(mesh.nodes)
     powers = size ** np.arange(k)
@@ -150,7 +150,7 @@ def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
 
 
 def _beside_ends(mesh: CellMesh, facets: Ints, besides: Ints) -> Floats:
-    """Return the nodes (n, d); those of the rim's ``facets`` on ``besides`` are moved a little along the rim."""
+    """Return mesh's nodes (n, d), with ends of rim ``facets`` (e, c) in ``besides`` moved a little along the rim."""
     target, ends = mesh.nodes.copy(), facets[:, : mesh.manifold_dim]
     facet, place = np.nonzero(np.isin(ends, besides))
     at = ends[facet, place]
@@ -165,7 +165,10 @@ def _one_sided(condition: Condition) -> OneSided:
 
 
 def outside(nodes: Floats, facets: Ints, opposite: Ints) -> Floats:
-    """Return points (e, d) a little outside of the rim: their closest points lie on it; those of chords may not."""
+    """Return points (e, d) a little outside of the rim ``facets`` (e, c), so that their closest points lie on the rim.
+
+    ``opposite`` (e,) is the corner opposite each facet. Closest points of the chords themselves may lie inside.
+    """
     if facets.shape[1] == 1:
         end = nodes[facets[:, 0]]
         return np.ascontiguousarray(end + OUTSIDE_EDGE_SHARE * (end - nodes[opposite]))

@@ -48,8 +48,8 @@ def locate_points(
 ) -> tuple[Ints, Floats]:
     """Return the cell (n,) in which each of ``points`` (n, d) is evaluated, and its barycentric coordinates (n, k).
 
-    It is the nearest cell on the point's own side of each boundary; of points on a boundary the side is ``wanted``, or
-    left.
+    It is the nearest cell on the point's own side of each boundary; for points on a boundary the side is
+    ``wanted[name]``, by default left. Without ``cut`` it is the nearest cell.
     """
     face, local = nearest_on_cells(mesh.nodes, mesh.corners, points)
     if cut is None:
@@ -74,7 +74,7 @@ def locate_points(
 
 
 def on_own_side(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Floats:
-    """Return the nodes (n, d), those on boundaries moved from their closest points a little towards their own cells."""
+    """Return the nodes (n, d), those on boundaries moved from there a little towards their own cells."""
     if cut is None or not len(cut.edges):
         return mesh.nodes
     size, cells = len(mesh.nodes), mesh.cells
@@ -91,7 +91,7 @@ def on_own_side(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Floats:
 
 
 def _cells_of_sides(mesh: CellMesh, cut: CutMesh, number: int) -> tuple[Bools, Bools]:
-    """Return which cells (m,) have a corner on the left of a boundary, and which on its right; tips are on neither."""
+    """Return (m,) which cells have a corner left of boundary ``number``, and (m,) which right of it, tips aside."""
     touching = []
     sides = [np.unique(cut.edges[(cut.owner == number) & those]) for those in (cut.left, ~cut.left)]
     for side, other in (sides, sides[::-1]):

@@ -14,7 +14,7 @@ from cpmkit_fem.elements import Shape
 
 
 def jacobians(nodes: Floats, cells: Ints, shape: Shape) -> Floats:
-    """Return the Jacobians (k, d, m, q) of cells (m, n) at the points of a shape; q is 1 where they are constant."""
+    """Return Jacobians (k, d, m, q) of cells (m, n) at the q points of ``shape``; q is 1 where they are constant."""
     slopes = shape.slopes
     if np.array_equal(slopes, np.broadcast_to(slopes[..., :1], slopes.shape)):
         slopes = slopes[..., :1]
@@ -26,7 +26,10 @@ def jacobians(nodes: Floats, cells: Ints, shape: Shape) -> Floats:
 
 
 def unfold(jacobian: Floats) -> tuple[Floats, Floats]:
-    """Return det R (m, q) and R^-1 Q' (k, d, m, q) of Jacobians with k = 0, 1 or 2 columns (k, d, m, q)."""
+    """Return the measure det R (m, q) and the pseudoinverse R^-1 Q' (k, d, m, q) of Jacobians (k, d, m, q).
+
+    The k = 0, 1 or 2 columns of a Jacobian have the QR decomposition Q R.
+    """
     if not len(jacobian):
         return np.ones(jacobian.shape[2:]), jacobian
     first = jacobian[0]

@@ -41,7 +41,7 @@ NO_RESISTANCE_EDGES = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """Facets on both sides of a boundary that a law couples.
+    """Facets on both sides of a boundary whose law couples the two sides.
 
     Attributes
     ----------
@@ -74,12 +74,12 @@ class Tie:
 
     @property
     def on(self) -> Ints:
-        """(k,) the unknowns that are jumps if :attr:`prescribes_jump`."""
+        """(k,) the nodes whose unknowns are jumps if :attr:`prescribes_jump`."""
         return self.right
 
     @property
     def off(self) -> Floats:
-        """(k,) distances of the points of the data from the vertices, zero here (:attr:`RimPart.off`)."""
+        """(k,) zeros: the distances of the data's points from the vertices count as zero (:attr:`RimPart.off`)."""
         return np.zeros(len(self.right))
 
     def jumps(self, channels: int, time: float | None) -> Floats:
@@ -94,11 +94,17 @@ class Tie:
         return self.place.closest_point(self.mesh.nodes[self.left]).points
 
     def stiffness(self, a: Floats) -> csr_array:
-        """Return the integrals (v, v) of ``(u_left - u_right) (v_left - v_right) / R``, ``a`` (v,) the diffusivity."""
+        """Return the integrals (n, n) of ``(u_left - u_right) (v_left - v_right) / R``, R the resistance.
+
+        ``a`` (n,) is the diffusivity at the nodes, which scales a small R if the law has none.
+        """
         return self._difference.T @ self._mass(self._conductance(a)) @ self._difference
 
     def load(self, a: Floats, channels: int, time: float | None) -> Floats:
-        """Return the contribution of the law's data to b (v, channels)."""
+        """Return the contribution (n, channels) of the law's flux and jump to the right-hand side.
+
+        ``a`` (n,) is the diffusivity at the nodes; ``time`` is None for steady problems.
+        """
         flux = self._evaluate(self.law.flux, channels, time)
         added = self._mean.T @ (self._mass(np.ones(len(self.left))) @ flux)
         if not self.prescribes_jump:
@@ -109,7 +115,7 @@ class Tie:
         return evaluate_data(data, self.points, channels, self.label, time)
 
     def _conductance(self, a: Floats) -> Floats:
-        """Return 1 / R (k,) at the vertices, R being the resistance."""
+        """Return 1 / R (k,) at the vertices; a zero R becomes :data:`NO_RESISTANCE_EDGES` edges over ``a`` (n,)."""
         if self.law.resistance:
             return np.full(len(self.left), 1.0 / self.law.resistance)
         return np.maximum(a[self.left], a[self.right]) / (NO_RESISTANCE_EDGES * self.mesh.mean_edge)
@@ -159,7 +165,7 @@ def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
 
 
 def _across(vertices: Floats, left: Ints, right: Ints) -> tuple[Ints, Bools]:
-    """Return for each of ``left`` (k,) the vertex of ``right`` at the same point, -1 for none, and which have none."""
+    """Return the vertex of ``right`` at the point of each of ``left`` (k,), -1 for none, and (k,) which have none."""
     places = {point.tobytes(): int(vertex) for point, vertex in zip(vertices[right], right, strict=True)}
     partners = np.array([places.get(point.tobytes(), -1) for point in vertices[left]], dtype=np.int64)
     return partners, partners < 0

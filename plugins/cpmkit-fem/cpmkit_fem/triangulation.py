@@ -15,20 +15,18 @@ FEWEST_EDGES = (4, 8, 32)
 
 
 def triangulate(scene: Scene, spacing: float | None) -> CellMesh:
-    """Return the mesh of the scene's surface or curve.
+    """Return the mesh, welded and checked, of the scene's surface or curve.
+
+    Raise InputError if the manifold is neither a surface nor a curve, or has no mesh, the spacing is needed and absent,
+    a triangle has no area, or curves meet where their meshes have no common vertex.
 
     Parameters
     ----------
     scene : Scene
+        The scene; its boundaries are not used.
     spacing : float or None
         About the length of an edge. A source that is itself a mesh gives that one, whatever the spacing, and
         needs none.
-
-    Raises
-    ------
-    InputError
-        If the manifold is neither a surface nor a curve, or has no mesh, the spacing is needed and absent, a triangle
-        has no area, or curves meet where their meshes have no common vertex.
     """
     surface = scene.surface
     dim = surface.manifold_dim
@@ -51,7 +49,7 @@ def triangulate(scene: Scene, spacing: float | None) -> CellMesh:
 
 
 def own_mesh(surface: ClosestPointSource) -> tuple[Floats, Ints] | None:
-    """Return the mesh that the surface itself is; None if it answers each spacing with another one."""
+    """Return vertices and cells of a source that is itself a mesh; None if its mesh depends on the spacing."""
     assert isinstance(surface, HasMesh)
     size = float(np.ptp(surface.bounds, axis=0).max())
     vertices, faces = surface.mesh(size / FEWEST_EDGES[0])

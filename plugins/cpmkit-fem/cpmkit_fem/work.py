@@ -29,5 +29,5 @@ class FemWork:
     operator_applications: int
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the measures as plain values."""
+        """Return the measures by name."""
         return asdict(self)

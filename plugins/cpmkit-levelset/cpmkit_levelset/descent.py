@@ -58,7 +58,7 @@ def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple
 
 
 def newton_step(shape: LocalShape, stride: float) -> tuple[Floats, Floats]:
-    """Return tangential steps (n, d), no longer than ``stride``, and their lengths (n,) before they were cut to it."""
+    """Return tangential Newton steps (n, d), cut to ``stride``, and their lengths (n,) before the cut."""
     n, _, d = shape.tangents.shape
     step, length = np.empty((n, d)), np.empty(n)
     newton_steps(*shape, stride, step, length)

@@ -36,6 +36,9 @@ SLOPE_ERROR_QUANTILE = 0.95
 def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
     """Return the zero set of a formula.
 
+    Raise SceneError if a formula does not parse, or uses what is not offered. Raise InputError if another key does not
+    hold what is accepted, or there is no zero set inside the bounds.
+
     Parameters
     ----------
     phi : str or SymPy expression
@@ -46,13 +49,6 @@ def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEF
         Keeps the part with trim <= 0.
     resolution : int
         Cells of the lattice of samples along the longest side.
-
-    Raises
-    ------
-    SceneError
-        If a formula does not parse, or uses what is not offered.
-    InputError
-        If another key does not hold what is accepted, or there is no zero set inside the bounds.
     """
     box = as_box(bounds)
     text = str(phi) if hasattr(phi, "free_symbols") else phi  # SymPy writes formulas as scene files do
@@ -70,6 +66,9 @@ def function(
 ) -> LevelSet:
     """Return the zero set of a Python function.
 
+    Raise InputError if a function is none, returns another shape, or ``gradient`` is not the gradient of ``phi``; or as
+    for :func:`expression`.
+
     Parameters
     ----------
     phi : callable
@@ -83,12 +82,6 @@ def function(
         cost 4 d calls of it for each of Newton's steps but no accuracy.
     trim : str, optional
     resolution : int
-
-    Raises
-    ------
-    InputError
-        If a function is none, returns another shape, or ``gradient`` is not the gradient of ``phi``; or as for
-        :func:`expression`.
     """
     box = as_box(bounds)
     for name, function_given in (("phi", phi), ("gradient", gradient), ("hessian", hessian)):
@@ -122,6 +115,9 @@ def grid(
 ) -> LevelSet:
     """Return the zero set of a function that is given on a regular grid.
 
+    Raise InputError if both or neither of values and file are given, the file cannot be read, or the array does not
+    hold what is accepted; or as for :func:`expression`.
+
     Parameters
     ----------
     spacing : number or d numbers
@@ -134,12 +130,6 @@ def grid(
         Zero unless given.
     trim : str, optional
     resolution : int
-
-    Raises
-    ------
-    InputError
-        If both or neither of values and file are given, the file cannot be read, or the array does not hold what
-        is accepted; or as for :func:`expression`.
     """
     if (values is None) == (file is None):
         raise InputError(f"levelset.grid takes either values or a file, got {'neither' if file is None else 'both'}.")
@@ -181,7 +171,8 @@ def goursat(
 ) -> LevelSet:
     """Return x^4 + y^4 + z^4 + a (x^2 + y^2 + z^2)^2 + b (x^2 + y^2 + z^2) + c = 0 (Goursat, 1887).
 
-    The defaults give the tangle cube. ``a`` must be above -1/3, where the surface is bounded.
+    The defaults give the tangle cube. ``a`` must be above -1/3, where the surface is bounded. Raise InputError if the
+    numbers give no bounded surface.
 
     Parameters
     ----------
@@ -191,11 +182,6 @@ def goursat(
         Factor of the squared distance from the origin.
     c : number
         Constant of the polynomial.
-
-    Raises
-    ------
-    InputError
-        If the numbers give no bounded surface.
     """
     a, b, c = (float(number) for number in as_vector([a, b, c], 3, "[a, b, c]"))
     lead = a + 1 / 3  # the quartic part on the unit sphere is least along the diagonals

@@ -24,13 +24,13 @@ class Field(Protocol):
         """Dimension of the space."""
 
     def value(self, p: Floats) -> Floats:
-        """Return phi (n,)."""
+        """Return phi (n,) at points ``p`` (n, d)."""
 
     def gradient(self, p: Floats) -> tuple[Floats, Floats]:
-        """Return phi (n,) and its gradient (n, d)."""
+        """Return phi (n,) and its gradient (n, d) at points ``p`` (n, d)."""
 
     def jet(self, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d)."""
+        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d) at points ``p`` (n, d)."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ class FunctionField:
     step: float
 
     def value(self, p: Floats) -> Floats:
-        """Return phi (n,)."""
+        """Return phi (n,) at points ``p`` (n, d)."""
         return _answer(self.phi, "phi", p, ())
 
     def gradient(self, p: Floats) -> tuple[Floats, Floats]:
-        """Return phi (n,) and its gradient (n, d)."""
+        """Return phi (n,) and its gradient (n, d) at points ``p`` (n, d)."""
         return self.value(p), _answer(self.phi_gradient, "gradient", p, (self.dim,))
 
     def jet(self, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d)."""
+        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d) at points ``p`` (n, d)."""
         if self.phi_hessian is not None:
             return *self.gradient(p), _answer(self.phi_hessian, "hessian", p, (self.dim, self.dim))
         return *self.gradient(p), self._differences(p)
@@ -99,11 +99,11 @@ class Differences:
     step: float
 
     def __call__(self, p: Floats) -> Floats:
-        """Return the gradient (n, d)."""
+        """Return the gradient (n, d) at points ``p`` (n, d)."""
         return self.of_step(p, self.step)
 
     def of_step(self, p: Floats, step: float) -> Floats:
-        """Return the differences of another step."""
+        """Return the gradient (n, d) at ``p`` (n, d) by fourth-order differences of length ``step``."""
         columns = []
         for axis in np.eye(self.dim):
             near, far = (
@@ -114,7 +114,7 @@ class Differences:
         return np.stack(columns, axis=1)
 
     def errors(self, p: Floats) -> Floats:
-        """Return the relative error (n,) of the gradient's direction: its change by half the step."""
+        """Return (n,) change of the gradient at ``p`` (n, d) by half the step, relative to its length; inf if NaN."""
         coarse, finer = self(p), self.of_step(p, self.step / 2)
         with np.errstate(all="ignore"):
             off = norms(coarse - finer) / norms(finer)
@@ -122,7 +122,10 @@ class Differences:
 
 
 def _answer(function: Callable[[Floats], Any], label: str, p: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return the user's function at a copy of the points, as float64 of shape (n, *shape)."""
+    """Return ``function`` at a copy of points ``p`` (n, d), as float64 of shape (n, *shape).
+
+    Raise InputError, which names ``label``, if it returns another shape or no numbers.
+    """
     try:
         values = np.array(function(p.copy()), dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:

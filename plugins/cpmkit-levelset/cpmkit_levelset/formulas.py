@@ -35,17 +35,17 @@ class FormulaField:
     jets: FormulaJets
 
     def value(self, p: Floats) -> Floats:
-        """Return phi (n,)."""
+        """Return phi (n,) at points ``p`` (n, d)."""
         values: Floats = self.jets.rows(0, p.T)[0]
         return values
 
     def gradient(self, p: Floats) -> tuple[Floats, Floats]:
-        """Return phi (n,) and its gradient (n, d)."""
+        """Return phi (n,) and its gradient (n, d) at points ``p`` (n, d)."""
         rows = self.jets.rows(1, p.T)
         return rows[0], np.ascontiguousarray(rows[1:].T)
 
     def jet(self, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d)."""
+        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d) at points ``p`` (n, d)."""
         rows, d = self.jets.rows(2, p.T), self.dim
         hessian = np.ascontiguousarray(rows[1 + d :].T).take(HALF_OF_HESSIAN[d], axis=1)
         return rows[0], np.ascontiguousarray(rows[1 : 1 + d].T), hessian

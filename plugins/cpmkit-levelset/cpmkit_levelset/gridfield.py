@@ -63,7 +63,7 @@ class GridField:
         return _derivative(table, (0,) * d), self._first(table), hessian
 
     def slope_error(self, p: Floats) -> float:
-        """Return the error of gradients at ``p`` (n, d), as a share of their length, root mean square.
+        """Return the root mean square error of gradients at ``p`` (n, d), as a share of their length.
 
         It is estimated from differences between the polynomials of a cell and of its neighbours.
         """

@@ -46,7 +46,9 @@ class LevelSet:
     Attributes
     ----------
     field : Field
+        The function phi.
     trim : Field or None
+        The function that is at most zero on the part; None: the whole.
     box : (2, d) float64
         The corners of the box in which the zero set lies, as it was given.
     surface : Layer
@@ -76,7 +78,7 @@ class LevelSet:
 
     @property
     def manifold_dim(self) -> int:
-        """One less than that of the space."""
+        """Dimension of the space less 1."""
         return self.dim - 1
 
     @property
@@ -94,9 +96,8 @@ class LevelSet:
 
         ``edge`` is 0 where the foot lies on the edge of a trimmed surface; of a trimmed curve, 0 or 1, its ends by
         increasing coordinates. Feet are ``doubtful`` where not every sample that may lead to a nearer point could be
-        tried, or Newton's method did not converge: they lie on the surface, and nothing nearer was found.
-
-        Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
+        tried, or Newton's method did not converge: they lie on the surface, and nothing nearer was found. Raise
+        InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         x = as_points(x, self.dim) - self.shift
         points, distance = np.empty_like(x), np.empty(len(x))
@@ -107,7 +108,7 @@ class LevelSet:
         return ClosestPoints(points + self.shift, distance, edge, doubtful=doubtful)
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit normals at ``feet``: where phi grows."""
+        """Return (n, d) unit normals at ``feet`` in the direction of phi's gradient; NaN where that vanishes."""
         return unit_or_nan(self.field.gradient(feet.points - self.shift)[1])
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
@@ -137,7 +138,7 @@ class LevelSet:
         return Advice(ERROR_PER_FIELD_SLOPE * self.slope_error, warnings, mesh_for_samples=self.dim == 2)
 
     def translate(self, offset: Floats, /) -> LevelSet:
-        """Return the same level set moved by ``offset`` (d,)."""
+        """Return the level set translated by ``offset`` (d,)."""
         return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
 
     def _feet(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
@@ -161,7 +162,7 @@ class LevelSet:
         return number
 
     def _inside(self, points: Floats) -> Bools:
-        """Return which points of the zero set belong to the piece and do not lie on its edge."""
+        """Return (n,) whether ``points`` (n, d) of the zero set belong to the trimmed part, off its edge."""
         assert self.trim is not None
         value, gradient = self.trim.gradient(points)
         inside: Bools = value < -ON_LEVELSET_EDGE_SHARE * self.surface.zero_set.size * norms(gradient)

@@ -40,11 +40,12 @@ class LocalShape(NamedTuple):
 
 @dataclass(frozen=True)
 class ZeroSet:
-    """Where all ``fields`` vanish.
+    """The points at which all ``fields`` vanish.
 
     Attributes
     ----------
     fields : tuple of one or two Field
+        The functions.
     size : float
         The length that tolerances are relative to.
     """
@@ -53,10 +54,10 @@ class ZeroSet:
     size: float
 
     def project(self, p: Floats, reach: float) -> tuple[Floats, Bools]:
-        """Return points (n, d) of the zero set near ``p``, and where that succeeded.
+        """Return points (n, d) of the zero set near ``p`` (n, d), and (n,) whether the projection converged.
 
-        Stage one of the search: p - phi grad phi / |grad phi|^2 again and again (of two fields, the shortest step
-        that kills both to first order). It fails where the steps do not end, or lead farther than ``reach`` away.
+        Stage one of the search: p - phi grad phi / |grad phi|^2 again and again (of two fields, the shortest step after
+        which both vanish to first order). It fails where the steps do not end, or lead farther than ``reach`` away.
         """
         q, done = p.copy(), np.zeros(len(p), dtype=bool)
         rows = np.arange(len(p))
@@ -74,7 +75,7 @@ class ZeroSet:
         return np.where(np.isfinite(length), length, np.inf)
 
     def shape(self, x: Floats, y: Floats) -> LocalShape:
-        """Return how the zero set lies at ``y`` (n, d), seen from the queries ``x`` (n, d)."""
+        """Return tangents, curvature and force of the zero set at ``y`` (n, d), seen from the queries ``x`` (n, d)."""
         jets = [field.jet(y) for field in self.fields]
         (n, d), m = y.shape, y.shape[1] - len(jets)
         shape = LocalShape(np.empty((n, m, d)), np.empty((n, m, m)), np.empty((n, m)))
@@ -101,6 +102,6 @@ def normal_basis(gradients: list[Floats]) -> list[Floats]:
 
 
 def unit_or_nan(a: Floats) -> Floats:
-    """Return the rows scaled to length one; a vanishing row becomes NaN."""
+    """Return the rows of ``a`` (n, d) scaled to length one; a vanishing row becomes NaN."""
     with np.errstate(all="ignore"):
         return a / norms(a)[:, None]

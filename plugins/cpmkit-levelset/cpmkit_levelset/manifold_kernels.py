@@ -24,7 +24,7 @@ def _dot(a, b):
 
 @inlined
 def _weights(gradients, i, first, second):
-    """Return weights of the fields such that v = sum w_k grad_k has grad_k . v equal to ``first``, ``second``."""
+    """Return w_0, w_1 such that v = sum w_k grad_k, in row ``i``, has grad_k . v equal to ``first``, ``second``."""
     g = gradients[0, i]
     a = _dot(g, g)
     if len(gradients) == 1:
@@ -37,7 +37,10 @@ def _weights(gradients, i, first, second):
 
 @compiled
 def corrections(values, gradients, step, length):
-    """Fill in the shortest steps (n, d) that kill all fields to first order, and their lengths (n,)."""
+    """Fill in the shortest steps (n, d) whose subtraction makes all fields vanish to first order, and lengths (n,).
+
+    ``values`` (f, n) and ``gradients`` (f, n, d) are those of the f = 1 or 2 fields.
+    """
     fields, n, d = gradients.shape
     for i in range(n):
         first, second = _weights(gradients, i, values[0, i], values[fields - 1, i])

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @hookimpl
 def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
-    """Return the factories of the seven kinds."""
+    """Return the factory function of each of the seven kinds, by the name of the kind."""
     return {
         "levelset.expression": factories.expression,
         "levelset.callable": factories.function,

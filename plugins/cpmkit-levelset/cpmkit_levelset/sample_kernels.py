@@ -123,7 +123,7 @@ def choose(untried, minimum, starts, active, room, most, reach, rows, columns):
 
 @compiled
 def keep_nearest(points, best, rows, feet, distance):
-    """Put the feet (p, d) of the queries ``rows`` (p,) in place of those that are farther."""
+    """Replace, in ``points`` and ``best``, the points of queries ``rows`` (p,) by nearer ``feet`` (p, d)."""
     for p, i in enumerate(rows):
         if distance[p] < best[i]:
             best[i] = distance[p]

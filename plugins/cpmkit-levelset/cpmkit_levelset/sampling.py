@@ -64,11 +64,9 @@ def sample_lattice(field: Field, bounds: Floats, spacing: float) -> SampleLattic
 def surface_samples(zero_set: ZeroSet, lattice: SampleLattice) -> Floats:
     """Return points (n, d) of the level set, at least one within ``COVERING_SPACINGS`` spacings of each of its points.
 
-    Every node that is about half a cell's diagonal or less from the level set, to first order, is moved onto it:
-    each point of the level set has such a node. Where phi vanishes together with its gradient nothing is
-    found: that is not part of the level set.
-
-    Raise InputError if there is no such point.
+    Every node that is about half a cell's diagonal or less from the level set, to first order, is moved onto it: each
+    point of the level set has such a node. Where phi vanishes together with its gradient nothing is found: that is not
+    part of the level set. Raise InputError if there is no such point.
     """
     nodes = lattice.nodes
     reach = float(norms(lattice.spacing[None])[0])

@@ -103,7 +103,7 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class BestPoints:
-    """The best points so far (n, d), their distances (n,), infinite for none, and which are beyond doubt (n,)."""
+    """The nearest points found (n, d), their distances (n,), infinite for none, and (n,) which are certain."""
 
     points: Floats
     distance: Floats
@@ -111,7 +111,7 @@ class BestPoints:
 
 
 def layer(zero_set: ZeroSet, samples: Floats, covering: float) -> Layer:
-    """Return the layer of a zero set with these samples, at least one."""
+    """Return the layer of ``zero_set`` with ``samples`` (k, d), one within ``covering`` of each of its points."""
     from scipy.spatial import cKDTree
 
     tangents, bends = _principal(zero_set, samples)
@@ -147,7 +147,10 @@ def search(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | No
 
 
 def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Keep | None) -> BestPoints:
-    """Descend, for each query, from those of its nearest ``count`` samples that may lead to a nearer point."""
+    """Return the best points after descents from those of the ``count`` nearest samples that may lead nearer.
+
+    ``before`` are those known for the queries ``x`` (n, d), ``keep`` as for :func:`search`.
+    """
     gap, near = where.tree.query(x, np.arange(1, count + 1))
     lowest, minimum, untried = where.models(x, gap, near)
     starts, n = where.samples[near], len(x)
@@ -178,7 +181,7 @@ def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Kee
 
 
 def _may_be_nearer(gap: Floats, lowest: Floats, best: Floats) -> Bools:
-    """Return where gap^2 + lowest <= best^2 (n,)."""
+    """Return (n,) whether gap^2 + lowest <= best^2, True for NaN."""
     with np.errstate(all="ignore"):
         # (gap - best) (gap + best), because the squares of far queries differ by less than they are rounded
         return ~((gap - best) * (gap + best) + lowest > 0)

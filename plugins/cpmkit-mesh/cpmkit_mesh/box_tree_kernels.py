@@ -18,7 +18,12 @@ STACK_NODES = 96
 
 @compiled
 def build(lower, upper):
-    """Return the bounding box tree over m primitives with boxes from ``lower`` (m, 3) to ``upper`` (m, 3)."""
+    """Return the bounding box tree over m primitives with boxes from ``lower`` (m, 3) to ``upper`` (m, 3).
+
+    Returned are ``boxes`` (nodes, 6); ``nodes`` (nodes, 2): 0 and the first of two adjacent children, or for a leaf the
+    number of primitives and the first of them in ``order``; and ``order`` (m,). Nodes are unsigned so that no index is
+    tested for its sign.
+    """
     m = len(lower)
     order = np.arange(m)
     boxes = np.empty((2 * m, 6))

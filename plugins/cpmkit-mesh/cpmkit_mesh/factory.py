@@ -29,6 +29,11 @@ def triangles(
 ) -> TriangleMesh:
     """Return a triangle mesh from a file or from arrays.
 
+    Raise InputError if both or neither of file and arrays are given, the file cannot be read, the arrays are empty, of
+    another shape or not finite, a face names a vertex that is not there, no triangle has three different corners or an
+    area, or another key has a value that is not accepted. Raise MissingDependencyError if the engine's library is
+    absent or does not load.
+
     Parameters
     ----------
     file : str or Path
@@ -52,15 +57,6 @@ def triangles(
     weld : float, optional
         The distance, in the unit of the vertices, up to which vertices at rims are merged, or lie on edges of other
         rims, which are split there; at most .3 of the shortest edge at a vertex. By default that of rounding.
-
-    Raises
-    ------
-    InputError
-        If both or neither of file and arrays are given, the file cannot be read, the arrays are
-        empty, of another shape or not finite, a face names a vertex that is not there, no triangle
-        has three different corners or an area, or another key has a value that is not accepted.
-    MissingDependencyError
-        If the engine's library is absent or does not load.
     """
     if closest not in ("smooth", "faceted"):
         raise InputError(f"closest must be 'smooth' or 'faceted', got {shown(closest)}.")

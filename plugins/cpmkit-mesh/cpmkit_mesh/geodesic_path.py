@@ -31,7 +31,10 @@ def path(
     """Return the curve of geodesics between vertices of a mesh; its points lie on edges and vertices.
 
     Each geodesic is the shortest path along edges, straightened by flipping edges (Sharp and Crane, "You can find
-    geodesic paths in triangle meshes by just flipping edges", ACM Trans. Graph. 39 (6), 2020).
+    geodesic paths in triangle meshes by just flipping edges", ACM Trans. Graph. 39 (6), 2020). Raise InputError if none
+    or several meshes are given, a number is not that of a vertex of a triangle, a point is far from the mesh, two
+    vertices lie on different components, or there are too few. Raise MissingDependencyError if potpourri3d, which
+    traces geodesics, is not installed.
 
     Parameters
     ----------
@@ -51,14 +54,6 @@ def path(
     tight : bool
         Whether the whole curve is straightened, so that it passes only the first and the last vertex, and a closed
         curve none. A closed curve needs a waist of the surface; from elsewhere it shrinks to a point.
-
-    Raises
-    ------
-    InputError
-        If none or several meshes are given, a number is not that of a vertex of a triangle, a point is far from the
-        mesh, two vertices lie on different components, or there are too few.
-    MissingDependencyError
-        If potpourri3d, which traces geodesics, is not installed.
     """
     mesh = as_mesh_source("mesh.path", file, vertices, faces, surface)
     waypoints = _remove_repeats(_waypoints(mesh, through), bool(closed))

@@ -114,7 +114,15 @@ def as_numbers(values: Any, name: str) -> np.ndarray:
 
 
 def at_same_place(points: Floats | Ints) -> tuple[Ints, Ints]:
-    """Find groups of equal rows among ``points`` (n, d)."""
+    """Find groups of equal rows among ``points`` (n, d).
+
+    Returns
+    -------
+    first : (k,) int64
+        The first point at each distinct place, in increasing order.
+    place : (n,) int64
+        For each point its place: ``points[first][place]`` equals ``points``.
+    """
     order = np.lexsort(points.T)
     new = np.ones(len(points), dtype=bool)
     new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)

@@ -17,7 +17,10 @@ FIRST_WORD = re.compile(r"((?:ST)?C?N?OFF)(\d*)", re.IGNORECASE)
 
 
 def read_off(data: bytes) -> tuple[Floats, Polygons]:
-    """Return the vertices (n, 3) and the polygons in the bytes ``data`` of a text OFF file."""
+    """Return the vertices (n, 3) and the polygons in the bytes ``data`` of a text OFF file.
+
+    Raise InputError if it is no OFF file, or a line is damaged, missing or superfluous.
+    """
     rows = [(number, words) for number, line in enumerate(text_lines(data), 1) if (words := line.split())]
     first = FIRST_WORD.fullmatch(rows[0][1][0]) if rows else None
     if not first or rows[0][1][1:2] == ["BINARY"]:
@@ -97,7 +100,10 @@ FACET_WORDS = ("facet", "outer", "vertex", "vertex", "vertex", "endloop", "endfa
 
 
 def read_stl(data: bytes) -> tuple[Floats, Polygons]:
-    """Return corners (3 m, 3) of m triangles in the bytes ``data`` of an STL file, text or binary, and triangles."""
+    """Return corners (3 m, 3) of m triangles in the bytes ``data`` of an STL file, text or binary, and triangles.
+
+    Raise InputError if it is no STL file, is cut off, or a line is damaged.
+    """
     claimed = int.from_bytes(data[80:STL_HEAD_BYTES], "little") if len(data) >= STL_HEAD_BYTES else -1
     if claimed >= 0 and len(data) == STL_HEAD_BYTES + claimed * STL_RECORD.itemsize:
         corners = np.frombuffer(data, STL_RECORD, offset=STL_HEAD_BYTES)["corners"].reshape(-1, 3).astype(np.float64)

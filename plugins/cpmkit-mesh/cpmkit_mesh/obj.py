@@ -23,7 +23,10 @@ VERTEX_LINE_WORDS = (4, 5, 7, 8)
 
 
 def read_obj(data: bytes) -> tuple[Floats, Polygons]:
-    """Return the vertices (n, 3) and the polygons in the bytes ``data`` of an OBJ file."""
+    """Return the vertices (n, 3) and the polygons in the bytes ``data`` of an OBJ file.
+
+    Raise InputError if a line is damaged, or of a kind that is not read.
+    """
     coordinates: list[str] = []
     vertex_lines: list[int] = []
     corners: list[str] = []

@@ -66,7 +66,11 @@ class DrawnLine:
         return np.concatenate([self.surface.closest_point(chords).points, ends[-1:]])
 
     def with_click(self, point: Floats) -> DrawnLine:
-        """Return the line with a further click, the surface point closest to ``point``, (d,) or, in the plane, (3,)."""
+        """Return the line with a further click, the surface point closest to ``point``, (d,) or, in the plane, (3,).
+
+        A click at the place of the last one changes nothing. Raise InputError if the line from the last click to the
+        new one would leave the surface and jump.
+        """
         place = np.asarray(point, dtype=np.float64)[None, : self.surface.dim]
         foot = self.surface.closest_point(np.ascontiguousarray(place)).points
         if len(self.clicks) and np.linalg.norm(foot[0] - self.clicks[-1]) <= SAME_CLICK_STEPS * self.step:
@@ -93,7 +97,10 @@ class DrawnLine:
 
 
 def start_line(surface: ClosestPointSource, step: float, closed: bool = False) -> DrawnLine:
-    """Return a line on ``surface`` without clicks, with points at most ``step`` apart, closed or open."""
+    """Return a line on ``surface`` without clicks, with points at most ``step`` apart, closed or open.
+
+    Raise InputError if ``surface`` is no surface but points, a curve or a solid.
+    """
     if surface.manifold_dim not in (2, None):
         kind = {0: "points", 1: "a curve"}.get(surface.manifold_dim, "a solid")
         raise InputError(f"lines are drawn on surfaces, and this is {kind}.")
@@ -166,7 +173,15 @@ def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, clos
 
 
 class Canvas:
-    """A window in which each click adds a point to a line and draws the line again."""
+    """A window in which each click adds a point to a line and draws the line again.
+
+    Attributes
+    ----------
+    line : DrawnLine
+        The line so far.
+    plotter : pyvista.Plotter
+        The plotter of the window.
+    """
 
     def __init__(self, line: DrawnLine, mesh: Any) -> None:
         """Open the window with a mesh of pyvista and a line without clicks."""

@@ -22,7 +22,13 @@ LEFT_OF_OFFSET_SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PlaneSection(Polyline):
-    """The curve in which a plane cuts a mesh: segments in its triangles; the plane's normal points to its left."""
+    """The curve in which a plane cuts a mesh: segments in its triangles; the plane's normal points to its left.
+
+    Attributes
+    ----------
+    conormals : (m, 3) float64
+        The unit vector across each segment to its left, in the plane of its triangle.
+    """
 
     conormals: Floats
 

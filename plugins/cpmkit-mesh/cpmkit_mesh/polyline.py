@@ -86,9 +86,8 @@ class Polyline:
         """Return the closest points of the queries ``x`` (n, d) on the segments.
 
         ``element`` is the segment of the closest point, ``local`` (n, 1) the share of the segment's length before it,
-        and ``edge`` 0 at the start of an open chain, 1 at its end, -1 elsewhere.
-
-        Raise InputError if ``x`` does not have shape (n, d) or is not finite.
+        and ``edge`` 0 at the start of an open chain, 1 at its end, -1 elsewhere. Raise InputError if ``x`` does not
+        have shape (n, d) or is not finite.
         """
         nearest = find_nearest(self._tree, in_three_dimensions(as_points(x, self.dim)))
         segment, t = self._tree.order[nearest.slot], nearest.local[:, :1]

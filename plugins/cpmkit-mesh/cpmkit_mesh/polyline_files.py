@@ -13,7 +13,12 @@ from cpmkit_mesh.text import parse_floats, parse_ints, text_lines
 
 
 def read_polyline(path: str | Path) -> np.ndarray:
-    """Return the points (n, d) of the polyline in a file, in their order."""
+    """Return the points (n, d) of the polyline in a file, in their order.
+
+    In an OBJ file they are those of its line ``l``, or of several lines each of which begins where the last ended. A
+    line that ends at its first vertex gives that point twice. Raise InputError if the file is missing, does not parse,
+    or holds no line or several that do not meet.
+    """
     file = existing_file(path)
     read = READERS.get(file.suffix.lower())
     if read is None:

@@ -149,6 +149,13 @@ def _vertices_on_edges(points: Floats, cells: Ints, weld: float | None) -> tuple
     """Return the T-junctions of triangles ``cells`` (m, 3): vertices on edges of rims, vertices of rims on any edge.
 
     With ``weld``, the distance up to which it counts as on a rim's edge, only vertices of rims are found.
+
+    Returns
+    -------
+    cell, edge, vertex : (k,) int64
+        The triangle, its edge, and the vertex that lies inside it.
+    share : (k,) float64
+        The share of the edge at which it lies.
     """
     adjacency = topology(points, cells)
     at_rim = np.zeros(cells.size, dtype=bool)  # edge e of a triangle is opposite its corner e

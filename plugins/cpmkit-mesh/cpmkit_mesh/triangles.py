@@ -141,9 +141,8 @@ class TriangleMesh:
         ``element`` is the triangle of the closest point, by the user's numbers, ``local`` (n, 3) its barycentric
         coordinates, ``edge`` the number of the boundary loop on which it lies (loops by decreasing length; -1 off the
         boundary), and ``distance`` the distance from the triangles. Closest points of a smooth mesh are ``doubtful``
-        where no normal near by leads to the query: they are the nearest points of the triangles.
-
-        Raise InputError if ``x`` does not have shape (n, 3) or is not finite.
+        where no normal near by leads to the query: they are the nearest points of the triangles. Raise InputError if
+        ``x`` does not have shape (n, 3) or is not finite.
         """
         x = as_points(x, 3)
         nearest = self._search(x)
@@ -155,6 +154,7 @@ class TriangleMesh:
         There is a minimum for each sheet; on the concave side of a bend, where facets differ from the surface that they
         sample, sometimes more. Those of a smooth mesh are moved along its normals. Of several that coincide then, the
         first is returned; a minimum that is nearer to its query after the move lies on another sheet, and is left out.
+        Raise InputError if ``x`` does not have shape (n, 3) or is not finite, or ``radius`` is not a number above zero.
 
         Returns
         -------
@@ -162,11 +162,6 @@ class TriangleMesh:
             The row of ``x`` of each minimum, ascending.
         minima : ClosestPoints
             The closest point records of the minima, of each query the nearest first.
-
-        Raises
-        ------
-        InputError
-            If ``x`` does not have shape (n, 3) or is not finite, or ``radius`` is not a number above zero.
         """
         x, radius = as_points(x, 3), positive(radius, "radius")
         minima = merge_nearest(self._search(x), radius, local_minima(self._tree, self._vertex_triangles, x, radius))

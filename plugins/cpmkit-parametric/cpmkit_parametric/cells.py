@@ -118,7 +118,7 @@ class CellTree:
 
     @cached_property
     def neighbours_along(self) -> Ints:
-        """Return the neighbours that touch the same ends, the cell itself in place of others."""
+        """(c, k) the neighbours that touch the same ends; the cell itself in place of others."""
         touches = np.isfinite(self.ends)
         same = (self.ends[self.neighbours] == self.ends[:, None]) | ~touches[:, None]
         return np.where(same.all(axis=2), self.neighbours, np.arange(len(self.ends))[:, None])
@@ -146,7 +146,7 @@ class CellTree:
         )
 
     def _surviving(self, x: Floats) -> tuple[Ints, Ints, Floats] | None:
-        """Return query, finest cell and distance to its disc for each pair that may be closest; None: too many."""
+        """Return query, finest cell and disc distance (p,) of pairs that may be closest to ``x``; None if too many."""
         from cpmkit_parametric.cell_kernels import survivors
 
         most, x = min(len(x) * len(self.finest.radii), MOST_QUERY_CELL_PAIRS), np.ascontiguousarray(x)
@@ -159,7 +159,7 @@ class CellTree:
 
     @cached_property
     def _level_arrays(self) -> tuple[Ints, Ints, Floats, Floats, Floats, Floats]:
-        """Return the shapes of the levels, the first cell of each, and the concatenated cells of all levels."""
+        """The levels' shapes, each level's first cell, and centres, tangents, radii and deviations of all cells."""
         first = np.cumsum([0, *(len(level.radii) for level in self.levels[:-1])])
         centres, tangents, radii, deviations = (
             np.ascontiguousarray(np.concatenate([getattr(level, name) for level in self.levels]))
@@ -169,7 +169,7 @@ class CellTree:
 
 
 def build_tree(map: UnitMap, domain: Domain) -> CellTree:
-    """Halve the cells until they are flat, and return all levels.
+    """Return the tree of cells of ``map``, halved until the finest cells are flat.
 
     Raise InputError if half of the smallest cells are not flat: the map winds more often than they resolve.
     """
@@ -197,7 +197,7 @@ def build_tree(map: UnitMap, domain: Domain) -> CellTree:
 
 
 def _winding(map: UnitMap, level: Level) -> Bools:
-    """Tell of which cells a random point lies off the disc, or moves much faster than from end to end of the cell.
+    """Return (c,) in which cells a random point lies off the disc, or moves much faster than the cell's span.
 
     Samples at equal distances alone miss what winds in step with them, and a helix looks straight from afar.
     """
@@ -214,7 +214,7 @@ def _winding(map: UnitMap, level: Level) -> Bools:
 
 
 def _top_shape(map: UnitMap) -> tuple[int, ...]:
-    """Return the coarsest grid: cells of about the same length in both parameters."""
+    """Return the numbers of coarsest cells along each parameter, about equally long in both."""
     if map.count == 1:
         return (8,)
     s = np.linspace(0, 1, 33)
@@ -234,7 +234,7 @@ def _grid(map: UnitMap, shape: tuple[int, ...]) -> Floats:
 
 
 def _level(points: Floats, shape: tuple[int, ...]) -> Level:
-    """Return the cells of a grid from points on a finer one."""
+    """Return the cells of a grid of ``shape`` from ``points`` (..., d) on a finer grid."""
     steps = [(points.shape[k] - 1) // n for k, n in enumerate(shape)]
     windows = [np.arange(n)[:, None] * step + np.arange(step + 1) for n, step in zip(shape, steps, strict=True)]
     cells = int(np.prod(shape))

@@ -72,7 +72,7 @@ def descend(map: UnitMap, domain: Domain, x: Floats, start: Floats, longest: Flo
 
 
 def _line_search(map: UnitMap, domain: Domain, s: Floats, x: Floats, p: Floats, step: Floats, size: float) -> Floats:
-    """Return the parameters (n, m) after the step, or a fraction of it, by which the distance does not grow."""
+    """Return parameters (n, m) after ``step`` (n, m) from ``s``, or a fraction of it by which no distance grows."""
     from cpmkit_parametric.descent_kernels import is_farther
 
     trial = domain.after(s, step)

@@ -45,7 +45,7 @@ class Domain:
         return np.clip(s, LEAST_POLE_DISTANCE * self.poles[:, 0], 1 - LEAST_POLE_DISTANCE * self.poles[:, 1])
 
     def after(self, s: Floats, step: Floats) -> Floats:
-        """Return where a step from ``s`` leads: wrapped, cut at the bounds, and shortened towards poles."""
+        """Return parameters (n, m) after ``step`` (n, m) from ``s``: wrapped, cut at bounds, or short of poles."""
         from cpmkit_parametric import unit_kernels
 
         poles = np.zeros((len(self.periodic), 2), dtype=np.bool_) if self.poles is None else self.poles
@@ -63,7 +63,7 @@ class Domain:
         return wrapped
 
     def snap_to_bounds(self, s: Floats) -> Floats:
-        """Return unit parameters with those that rounding keeps off a bound put on it."""
+        """Return ``s`` (n, m) with parameters within rounding of a bound of a bounded parameter set to 0 or 1."""
         s = np.where(~self.periodic & (s < AT_BOUND_SHARE), 0.0, s)
         return np.where(~self.periodic & (s > 1 - AT_BOUND_SHARE), 1.0, s)
 
@@ -99,12 +99,9 @@ def side_points(map: UnitMap, axis: int, end: float) -> Floats:
 
 
 def check_gluing(map: UnitMap, domain: Domain, names: str, size: float) -> None:
-    """Refuse ends that are said to be glued and do not meet.
+    """Raise InputError, with the largest gap, if the images of ends that ``domain`` glues do not meet.
 
-    Raises
-    ------
-    InputError
-        With the largest gap.
+    ``names`` are the parameters' letters, ``size`` is the diagonal of the image's box.
     """
     for axis in np.flatnonzero(domain.periodic):
         start, end = side_points(map, int(axis), 0.0), side_points(map, int(axis), 1.0)
@@ -121,7 +118,7 @@ def check_gluing(map: UnitMap, domain: Domain, names: str, size: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """What the ends of the parameters are.
+    """The edges and poles at the ends of the parameters.
 
     Attributes
     ----------
@@ -152,7 +149,7 @@ class Sides:
 
 
 def find_sides(map: UnitMap, domain: Domain, size: float) -> Sides:
-    """Number the edge loops by decreasing length; of a curve, its ends 0 and 1."""
+    """Return the edge loops at the ends of parameters, by decreasing length (of a curve its ends 0, 1), and poles."""
     if map.count == 1:
         ends = np.array([[-1, -1]] if domain.periodic[0] else [[0, 1]], dtype=np.int64)
         return Sides(ends, np.zeros((1, 2), dtype=np.bool_))

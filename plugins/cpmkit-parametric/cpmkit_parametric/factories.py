@@ -97,7 +97,11 @@ def surface(
 def build(
     map: UnitMap, names: str, periodic: Sequence[bool], flip: bool = False, translation: Any = None
 ) -> Parametric:
-    """Return the source of a map; its class says which abilities it has."""
+    """Return the source of ``map``, a class with the abilities of its dimensions; ``flip`` glues u reversed.
+
+    ``names`` are the parameters' letters, ``periodic`` (m,) says which ends meet. Raise InputError if those do not, or
+    the map is not finite or constant.
+    """
     domain = Domain(np.array(periodic), flip)
     size = _check_map(map)
     check_gluing(map, domain, names, size)
@@ -158,7 +162,7 @@ def _check_derivatives(exact: Any, differences: Any, width: Floats) -> None:
 
 
 def as_range(value: Any, label: str) -> tuple[float, float]:
-    """Return two different numbers in ascending order; raise InputError if they are not."""
+    """Return ``value`` as two ascending finite numbers; raise InputError, which names ``label``, if it is not."""
     if isinstance(value, str) or np.ndim(np.asarray(value, dtype=object)) != 1 or len(value) != 2:
         raise InputError(f"{label} must be two numbers [start, end], got {shown(value)}.")
     start, end = (as_number(entry, label) for entry in value)
@@ -183,7 +187,7 @@ def as_number(value: Any, label: str) -> float:
 
 
 def as_flag(value: Any, label: str) -> bool:
-    """Return True or False; raise InputError if it is neither."""
+    """Return ``value`` if it is True or False; raise InputError, which names ``label``, if it is neither."""
     if not isinstance(value, (bool, np.bool_)):
         raise InputError(f"{label} must be true or false, got {shown(value)}.")
     return bool(value)

@@ -35,7 +35,7 @@ class FormulaMap:
         return np.ascontiguousarray(self.jets.rows(0, t.T).T)
 
     def jet(self, t: Floats, /) -> Jet:
-        """Return points, first and second derivatives."""
+        """Return points (n, d), derivatives (n, m, d) and second derivatives (n, m, m, d) at ``t`` (n, m)."""
         from cpmkit_parametric import unit_kernels
 
         p, J, H = unit_kernels.jet_of_rows(self.jets.rows(2, t.T), self.count, self.dim)

@@ -31,7 +31,7 @@ class Map(Protocol):
         """Return the points (n, d) at parameters (n, m)."""
 
     def jet(self, t: Floats, /) -> Jet:
-        """Return points, first and second derivatives."""
+        """Return points (n, d), derivatives (n, m, d) and second derivatives (n, m, m, d) at ``t`` (n, m)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,10 @@ class CallableMap:
             return as_columns(self.function(*t.T), len(t), self.dim, "x")
 
     def jet(self, t: Floats, /) -> Jet:
-        """Return points, first and second derivatives."""
+        """Return points (n, d), derivatives (n, m, d) and second derivatives (n, m, m, d) at ``t`` (n, m).
+
+        Raise InputError if ``derivatives`` returns another number of arrays or another shape.
+        """
         wanted = self.count + self.count * (self.count + 1) // 2
         with np.errstate(all="ignore"):
             derivatives = list(self.derivatives(*t.T))
@@ -140,7 +143,7 @@ class UnitMap:
         return self.map.value(self.outer(s))
 
     def jet(self, s: Floats, /) -> Jet:
-        """Return points and derivatives by the unit parameters; those that are not finite become zero."""
+        """Return points (n, d) and derivatives (n, m, d), (n, m, m, d) at unit parameters; not finite ones become 0."""
         from cpmkit_parametric import unit_kernels
 
         p, J, H = self.map.jet(self.outer(s))

@@ -10,7 +10,7 @@ from cpmkit_parametric.maps import UnitMap
 
 
 def curve_mesh(map: UnitMap, domain: Domain, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices at equal arc lengths and the segments between them, in the direction of travel."""
+    """Return vertices (v, d) at equal arc lengths, about ``spacing``, and segments (m, 2) in order of travel."""
     s, arc = map.arc
     closed = bool(domain.periodic[0])
     count = max(int(np.ceil(arc[-1] / spacing)), 3 if closed else 1)
@@ -23,7 +23,7 @@ def curve_mesh(map: UnitMap, domain: Domain, spacing: float) -> tuple[Floats, In
 
 
 def surface_mesh(map: UnitMap, domain: Domain, sides: Sides, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices and triangles; wound along x_u x x_v where the surface has two sides."""
+    """Return vertices (v, 3) and triangles (m, 3) of about ``spacing``, wound along x_u x x_v if two-sided."""
     least = np.where(domain.periodic, 3, 1 + sides.collapsed.all(axis=1))
     counts = [_intervals(map, axis, spacing, int(least[axis])) for axis in (0, 1)]
     n, m = counts

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @hookimpl
 def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
-    """Return the factories of the eight kinds."""
+    """Return the factory function of each of the eight kinds, by the name of the kind."""
     return {
         "parametric.curve": factories.curve,
         "parametric.surface": factories.surface,

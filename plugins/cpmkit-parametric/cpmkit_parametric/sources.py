@@ -80,7 +80,8 @@ class Parametric:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d); ``local`` holds the user's parameters (n, m).
 
-        Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
+        Feet are ``doubtful`` without convergence or where the image crosses itself. Raise InputError if ``x`` holds NaN
+        or infinity, or its shape is not (n, d).
         """
         queries = as_points(x, self.dim) - self.shift
         if len(queries) <= PARAMETRIC_PARCEL_QUERIES:
@@ -95,7 +96,7 @@ class Parametric:
         return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
 
     def _search(self, x: Floats) -> ClosestPoints:
-        """Descend from every start and keep the nearest end of each query."""
+        """Return the nearest end of the descents from all starts for each of ``x`` (n, d), as records."""
         from cpmkit_parametric.descent_kernels import apart, nearest_of
 
         starts = self.tree.starts(x)
@@ -132,13 +133,13 @@ class Parametric:
         return np.asarray(query[rows[crossing]])
 
     def _unit(self, feet: ClosestPoints) -> Floats:
-        """Return the unit parameters of records."""
+        """Return the unit parameters (n, m) of ``feet``."""
         assert feet.local is not None
         return self.map.inner(feet.local)
 
 
 class Curve(Parametric):
-    """A curve: it is walked along."""
+    """A curve with tangents."""
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
         """Return the unit tangents (n, d) in the direction of growing t; where x' is zero, along the chord."""
@@ -160,7 +161,7 @@ class Curve(Parametric):
 
 
 class PlaneCurve(Curve):
-    """A curve in the plane: it has normals besides."""
+    """A curve in the plane, with normals and tangents."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
         """Return the unit normals (n, 2) at the right hand of travel: outside of a counterclockwise curve."""

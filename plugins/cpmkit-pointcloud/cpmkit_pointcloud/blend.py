@@ -25,7 +25,7 @@ class Blend:
     """Samples with their patches, and for every sample those that may count at a point to which it is the nearest.
 
     A patch i counts at y within its radius r_i. The sample nearest to y is then no farther from y than sample i,
-    so at most 2 r_i from sample i: those are all that need to know of it.
+    so at most 2 r_i from sample i: only those list it.
 
     Attributes
     ----------
@@ -34,6 +34,7 @@ class Blend:
     patches : Patches
         With radii within which they count, and coefficients in their units.
     starts : (n + 1,) int64
+        Positions in ``reaching``.
     reaching : (starts[-1],) int32
         The patches of sample j are ``reaching[starts[j]:starts[j + 1]]``.
     """
@@ -45,7 +46,7 @@ class Blend:
 
     @cached_property
     def arrays(self) -> tuple[Any, ...]:
-        """What the kernels read, all of it in space."""
+        """The arrays that the kernels read; those of a cloud in the plane get a third coordinate of zero."""
         patches = self.patches
         frames = patches.frames
         if self.points.shape[1] == 2:
@@ -57,15 +58,15 @@ class Blend:
 
 
 def shrunk(patches: Patches, share: float) -> Patches:
-    """Return the same height fields, over a ``share`` of the radii in which they were fitted."""
+    """Return patches of the same height fields, with their radii and units multiplied by ``share``."""
     total = np.sum(exponents(patches.degree), axis=1)
     return replace(patches, radii=share * patches.radii, coefficients=patches.coefficients * share ** (total - 1.0))
 
 
 def blend(points: Floats, patches: Patches, normals: Floats | None) -> Blend:
-    """Find for every sample the patches that may count near it.
+    """Return the blend of ``patches`` (one for each of ``points`` (n, d)), with lists of the patches near each sample.
 
-    With ``normals``, patches whose normal points the other way do not count: they are of another sheet.
+    With ``normals`` (n, d), patches whose normal points the other way are not listed: they are of another sheet.
     """
     from scipy.spatial import cKDTree
 
@@ -86,7 +87,11 @@ def blend(points: Floats, patches: Patches, normals: Floats | None) -> Blend:
 
 
 def project(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: bool) -> tuple[Floats, Ints, Ints, Bools]:
-    """Return the feet (n, d) of ``x``, the sample nearest to each foot, its edge, and which feet are doubtful."""
+    """Return the feet (n, d) of ``x``, the sample (n,) nearest to each, its edge (n,), and (n,) which are doubtful.
+
+    ``nearest`` (n,) are the samples nearest to ``x``, ``tiny`` is the length of a last step. If ``closed``, no foot has
+    an edge; else feet beyond the rim are moved to it, edge 0.
+    """
     from cpmkit_pointcloud import kernels
 
     n, dim = x.shape
@@ -102,7 +107,7 @@ def project(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: bool)
 
 
 def surface_normals(surface: Blend, feet: Floats, element: Ints) -> Floats:
-    """Return (n, d) unit normals at ``feet``, on the side of the frame of ``element``."""
+    """Return (n, d) unit normals at ``feet`` (n, d), on the side of the patch of sample ``element`` (n,)."""
     from cpmkit_pointcloud import kernels
 
     n, dim = feet.shape

@@ -100,7 +100,7 @@ class PointCloud:
 
     @property
     def thick(self) -> int:
-        """How many samples have neighbours that lie on no smooth surface: other sheets, creases, noise, coarseness."""
+        """Number of samples whose neighbours lie on no smooth surface: on several sheets, at creases, or noisy."""
         return int((self.surface.patches.thickness > THICK_SPREAD_SHARE).sum())
 
     @cached_property
@@ -129,12 +129,10 @@ class PointCloud:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d) on the surface.
 
-        ``element`` is the sample nearest to the foot, by the user's numbers. Feet are ``doubtful`` where the
-        search did not converge, where they have left the samples behind (beyond the rim of an open cloud, in
-        holes), and where the samples around lie on no smooth surface.
-
-        Raise InputError if ``x`` does not have shape (n, d) or is not finite, or the patches around a query contradict
-        each other.
+        ``element`` is the sample nearest to the foot, by the user's numbers. Feet are ``doubtful`` where the search did
+        not converge, where they have left the samples behind (beyond the rim of an open cloud, in holes), and where the
+        samples around lie on no smooth surface. Raise InputError if ``x`` does not have shape (n, d) or is not finite,
+        or the patches around a query contradict each other.
         """
         x = as_points(x, self.dim)
         to_samples, nearest = ask(self._tree, x)
@@ -153,7 +151,7 @@ class PointCloud:
         return ClosestPoints(feet, distance, edge, self.given[sample], None, doubtful)
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return ``values`` (value_count, ...), the rows of the user's points, by a linear fit around each foot.
+        """Return (n, ...) ``values`` (value_count, ...) of the user's points by a linear fit at each of ``feet``.
 
         Of points at the same place the first one's data count.
         """
@@ -163,7 +161,7 @@ class PointCloud:
         return np.einsum("nk,nk...->n...", weights, values[self.given[index]])
 
     def advice(self, spacing: float, /) -> Advice:
-        """Return the error that the samples' distances and noise leave, and the sorts of them that may spoil more."""
+        """Return the errors that distances and noise of samples cause at grid ``spacing``, with warnings."""
         slope, width = self._slope
         floor = fitted_floor(slope, width, positive(spacing, "spacing"), self.dim)
         return Advice(
@@ -199,7 +197,7 @@ class PointCloud:
 
     @cached_property
     def open_samples(self) -> tuple[int, int]:
-        """Return the number of samples at which the surface ends, and of those that were examined."""
+        """Number of samples at which the surface ends, 0 if that may be chance, and number of samples examined."""
         if self._first is not self:
             return self._first.open_samples
         return open_samples(self.surface, self._tree, self._tiny)
@@ -214,7 +212,7 @@ class PointCloud:
         return as_cells(self.given_points)
 
     def translate(self, offset: Floats, /) -> PointCloud:
-        """Return the cloud moved by ``offset`` (d,); its accuracy and warnings are computed once for all positions."""
+        """Return the cloud translated by ``offset`` (d,); it shares its accuracy and warnings with this cloud."""
         shift = as_vector(offset, self.dim, "offset")
         moved = replace(self.surface, points=self.points + shift)
         made = replace(self, surface=moved, given_points=self.given_points + shift)

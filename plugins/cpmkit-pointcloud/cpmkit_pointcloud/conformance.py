@@ -46,7 +46,7 @@ def sphere(count: int) -> Floats:
 
 
 def torus(count: int, seed: int = 0) -> Floats:
-    """Return random points of the torus of radii 1 and 0.4, of even expected density."""
+    """Return ``count`` random points of the torus of radii 1 and 0.4, uniform by area; ``seed`` fixes them."""
     rng = np.random.default_rng(seed)
     u, v, keep = rng.uniform(0.0, 1.0, (3, 3 * count))
     u, v = 2 * np.pi * u, 2 * np.pi * v

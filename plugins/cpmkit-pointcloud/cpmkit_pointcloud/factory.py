@@ -78,7 +78,7 @@ def points(
 
 
 def _neighbours(degree: Any, neighbours: Any, dim: int) -> int:
-    """Return how many neighbours a fit uses, after a check of both options."""
+    """Return how many neighbours a fit uses, None for the default; raise InputError for a bad ``degree`` or number."""
     if degree not in FIT_NEIGHBOURS[dim]:
         raise InputError(f"degree must be 1, 2, 3 or 4, got {shown(degree)}.")
     least = len(exponents(degree, dim - 1))

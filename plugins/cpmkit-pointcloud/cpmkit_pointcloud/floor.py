@@ -35,9 +35,10 @@ DENSITY_NEIGHBOURS = 6
 
 
 def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats | None) -> tuple[float, float]:
-    """Estimate the root mean square error of the slope by patches of the next degree, and the width of its bumps.
+    """Return the root mean square error of the slope, estimated by patches of the next degree, and the bumps' width.
 
-    It holds what the degree leaves out and what noise does. Of even samples without noise it is up to 4 times that.
+    ``tree`` is that of ``points`` (n, d); ``normals`` (n, d) or None separate sheets. The error includes truncation and
+    noise. Of even samples without noise it is up to 4 times that.
     """
     rows = np.sort(np.random.default_rng(0).choice(len(points), min(SLOPE_SAMPLES, len(points)), replace=False))
     degree = patches.degree + 1
@@ -53,7 +54,7 @@ def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats
 
 
 def fitted_floor(slope: float, width: float, spacing: float, dim: int) -> float:
-    """Return the floor of a surface whose slope is wrong by ``slope`` on bumps of about ``width``.
+    """Return the error, relative to the range, on a surface with slope error ``slope`` on bumps of size ``width``.
 
     A lattice that is finer than the bumps follows them, and what their slopes cost falls with the square of the
     spacing. What is left is that a bumpy surface is larger than a smooth one, by the square of its slope.
@@ -63,13 +64,16 @@ def fitted_floor(slope: float, width: float, spacing: float, dim: int) -> float:
 
 
 def integral_floor(slope: float, noise: float, count: int) -> float:
-    """Return the same by the form ``galerkin``: ``count`` samples lie off the surface by a share of its extent."""
+    """Return the error by ``galerkin``, relative to the range, for slope error ``slope`` and ``count`` samples.
+
+    ``noise`` is the samples' root mean square distance from the surface, as a share of its extent.
+    """
     shift = noise / float(np.sqrt(count))
     return min(1.0, INTEGRAL_ERROR_PER_SLOPE_SQUARED * slope**2 + INTEGRAL_ERROR_PER_SHIFT * shift)
 
 
 def plain_floor(points: Floats, tree: cKDTree, spacing: float) -> float:
-    """Return the error floor of the source whose feet are the samples: a foot jumps from one sample to the next."""
+    """Return the error, relative to the range, at grid ``spacing`` if feet are samples: they jump between samples."""
     count = min(DENSITY_NEIGHBOURS, len(points) - 1)
     if not count:
         return 0.0

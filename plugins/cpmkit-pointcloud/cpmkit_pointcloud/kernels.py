@@ -101,7 +101,7 @@ def _blend(y, j, cloud):
 
 @compiled
 def _nearest_sample(y, j, cloud):
-    """Return the sample nearest to ``y``, found from sample ``j`` by descent."""
+    """Return sample nearest to ``y`` (3,), found from sample ``j`` by descent through samples that patches reach."""
     points, starts, reaching = cloud[0], cloud[5], cloud[6]
     best = np.inf
     while True:
@@ -166,7 +166,7 @@ def _land(y, j, cloud, tiny):
 
 @compiled
 def _search(x, y, j, cloud, tiny):
-    """Move ``y`` from sample ``j`` to the foot of ``x``; return the nearest sample and whether the search converged.
+    """Move ``y`` (3,) in place from sample ``j`` to the foot of ``x`` (3,); return its sample and whether it converged.
 
     A search that leaves the reach of all patches ends at a place that one still reaches.
     """
@@ -200,14 +200,14 @@ def _search(x, y, j, cloud, tiny):
 
 @compiled
 def _beyond(y, j, cloud):
-    """Return by how much the samples have been left behind at ``y``: above zero beyond the rim."""
+    """Return |mean offset of samples around ``y``| - :data:`BEYOND_RIM_RADII`, in radii: above zero beyond the rim."""
     _, _, _, _, mx, my, mz = _blend(y, j, cloud)
     return np.sqrt(mx * mx + my * my + mz * mz) - BEYOND_RIM_RADII
 
 
 @compiled
 def _outward(y, j, cloud):
-    """Return the unit vector in the surface at ``y`` away from the samples around."""
+    """Return the unit vector (3,) tangential to the surface at ``y`` that points away from the samples around."""
     _, gx, gy, gz, mx, my, mz = _blend(y, j, cloud)
     along = (gx * mx + gy * my + gz * mz) / (gx * gx + gy * gy + gz * gz)
     away = np.array([along * gx - mx, along * gy - my, along * gz - mz])
@@ -297,7 +297,7 @@ def project(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, d
 
 @compiled
 def normals(y, start, stop, element, cloud, normal):
-    """Fill ``normal`` with unit gradients at the feet ``y``, on the side of the normal of the patch of ``element``."""
+    """Fill ``normal`` (n, 3) with unit gradients at feet ``y``, on the side of the patch of sample ``element`` (n,)."""
     g = np.empty(3)
     for k in range(start, stop):
         _, g[0], g[1], g[2], _, _, _ = _blend(y[k], element[k], cloud)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class NearestSamples:
-    """A cloud whose feet are its samples.
+    """A cloud whose closest points are its samples.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class NearestSamples:
 
     @property
     def manifold_dim(self) -> int:
-        """Dimension of the manifold that the samples stand for."""
+        """Dimension of the manifold that is sampled: that of the space less 1."""
         return self.dim - 1
 
     @property
@@ -60,7 +60,7 @@ class NearestSamples:
 
     @property
     def value_count(self) -> int:
-        """How many points there are."""
+        """Number of points."""
         return len(self.points)
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
@@ -73,13 +73,13 @@ class NearestSamples:
         return ClosestPoints(self.points[nearest], distance, np.full(len(x), -1), nearest)
 
     def interpolate(self, values: Any, feet: ClosestPoints, /) -> Floats:
-        """Return the rows of ``values`` (value_count, ...) of the samples in ``feet``."""
+        """Return (n, ...) the rows of ``values`` (value_count, ...) of the samples in ``feet``, unchanged."""
         if feet.element is None:
             raise InputError("feet must be records that this cloud answered: they lack element.")
         return one_row_each(values, self.value_count, "points")[feet.element]
 
     def advice(self, spacing: float, /) -> Advice:
-        """Return the error that the distances between samples leave in a solution."""
+        """Return the error that the distances between samples cause in a solution at grid ``spacing``."""
         floor = plain_floor(self.points, self._tree, positive(spacing, "spacing"))
         return Advice(floor, mesh_for_samples=False, foot_count=len(self.points))
 

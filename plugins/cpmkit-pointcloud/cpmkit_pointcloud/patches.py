@@ -102,7 +102,7 @@ def neighbourhoods(points: Floats, tree: cKDTree, count: int, normals: Floats | 
 
 
 def fit_patches(points: Floats, neighbours: Ints, degree: int, rows: Ints) -> Patches:
-    """Fit a patch to the neighbourhood of each sample of ``rows`` (m,).
+    """Return a patch of ``degree`` for each sample of ``rows`` (m,), fitted to its ``neighbours`` (m, k).
 
     Where the neighbours do not determine all coefficients, degree 1 is tried, and then degree 0: the plane of
     the neighbours through the sample.
@@ -152,7 +152,10 @@ def _fit(offsets: Floats, degree: int, fitted: Patches, rows: slice) -> None:
 
 
 def _least_squares(local: Floats, weights: Floats, terms: Sequence[tuple[int, int]]) -> tuple[Floats, Bools]:
-    """Return (m, terms) the coefficients of height fields, and (m,) where the neighbours determine them."""
+    """Return (m, terms) coefficients of height fields, and (m,) whether the neighbours determine them.
+
+    ``local`` (m, k, d) are neighbours in the frames, ``weights`` (m, k) root weights, ``terms`` the exponents.
+    """
     first, second = local[:, :, 0], local[:, :, local.shape[2] - 2]
     design = np.stack([first**i * second**j for i, j in terms], axis=2) * weights[:, :, None]
     heights = local[:, :, -1] * weights

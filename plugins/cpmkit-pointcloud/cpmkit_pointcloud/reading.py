@@ -29,6 +29,9 @@ CLOUD_SUFFIXES = (".ply", *TEXT_SUFFIXES, ".npy", ".pcd")
 def read_points(path: str | Path) -> np.ndarray:
     """Read a file with one point in each row.
 
+    Raise InputError if the file is missing, is of another format, or does not parse. Raise MissingDependencyError if it
+    is a PCD file and Open3D is absent or cannot load.
+
     Parameters
     ----------
     path : str or Path
@@ -38,13 +41,6 @@ def read_points(path: str | Path) -> np.ndarray:
     Returns
     -------
     points : (n, 2) or (n, 3) array, as it stands in the file
-
-    Raises
-    ------
-    InputError
-        If the file is missing, is of another format, or does not parse.
-    MissingDependencyError
-        If it is a PCD file and Open3D is absent or cannot load.
     """
     file = existing_file(path)
     suffix = file.suffix.lower()
@@ -72,7 +68,7 @@ def _read_ply(file: Path) -> np.ndarray:
 
 
 def _read_rows(file: Path) -> np.ndarray:
-    """Read rows of numbers; error messages do not quote the contents of the file."""
+    """Return the numbers (n, 2 or 3) of a text file; raise InputError, without quoting it, if it does not parse."""
     lines = read_bytes(file).decode("utf-8-sig", errors="replace").splitlines()
     kind = file.suffix[1:].upper()
     try:

@@ -47,7 +47,7 @@ def rim_samples(surface: Blend, tree: cKDTree, rows: Ints) -> tuple[Ints, Floats
 
 
 def open_samples(surface: Blend, tree: cKDTree, tiny: float) -> tuple[int, int]:
-    """Return the number of samples at an edge, zero if it may be chance, and the number of examined samples."""
+    """Return the number of samples at an edge of the surface, 0 if it may be chance, and of examined samples."""
     n, dim = surface.points.shape
     rows = np.sort(np.random.default_rng(0).choice(n, min(RIM_CANDIDATES, n), replace=False))
     parcels = np.array_split(rows, -(-len(rows) // PARCEL_CANDIDATES))

@@ -29,11 +29,11 @@ def thin_out(points: Floats, spacing: float) -> Floats:
 
 
 def as_cells(points: Floats) -> tuple[Floats, Ints]:
-    """Return ``points`` (v, d) as a mesh of points."""
+    """Return ``points`` (v, d) and a cell (v, 1) for each."""
     return points, np.arange(len(points))[:, None]
 
 
 def ask(tree: cKDTree, x: Floats) -> tuple[Floats, Ints]:
-    """Return (n,) the distance to the nearest sample, and its row."""
+    """Return (n,) the distance of each of ``x`` (n, d) to the nearest sample in ``tree``, and (n,) its row."""
     distance, nearest = tree.query(x, workers=thread_count())
     return distance, nearest.astype(np.int64)

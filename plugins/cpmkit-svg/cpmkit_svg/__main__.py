@@ -10,7 +10,7 @@ from cpmkit_svg.scene import draw
 
 
 def main(words: list[str] | None = None) -> int:
-    """Draw the picture that the words of the command line ask for; return the exit status."""
+    """Write the picture that the command line ``words`` (None: sys.argv) describe; return 0, or 1 after an error."""
     parser = ArgumentParser(prog="cpmkit_svg", description="Solve the diffusion curves of an SVG file.")
     parser.add_argument("drawing", help="the SVG file that is read")
     parser.add_argument("picture", help="the PNG file that is written")

@@ -51,7 +51,7 @@ class DrawnCurve:
     left, right : Stops, optional
         Colours on its sides, at your left and right hand as it is drawn; None where nothing passes.
     coloured : bool
-        Whether the drawing says what its colours are.
+        Whether the curve has a colour on a side.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Drawing:
 
 
 def read_drawing(path: str | Path) -> Drawing:
-    """Read an SVG file.
+    """Return the canvas and the curves of an SVG file.
 
     Raise InputError if the file is no SVG that :func:`~cpmkit_svg.xml_tree.read_xml` reads, it draws what is no curve
     (text, images, copies by ``use``), it has style sheets, or an attribute is damaged.
@@ -105,7 +105,10 @@ def _canvas(attributes: Mapping[str, str]) -> Floats:
 def _curves(
     element: Element, outer: Floats, above: Mapping[str, str], named: Mapping[str, Element], count: list[int]
 ) -> Iterator[DrawnCurve]:
-    """Yield the curves of an element and of those within, moved by ``outer`` and with what is said ``above`` them."""
+    """Yield the curves of an element and its descendants, mapped by ``outer`` (2, 3), with properties inherited.
+
+    ``above`` are inherited properties, ``named`` the elements by id; ``count[0]`` is increased for each shape.
+    """
     own = {**above, **properties(element)}
     label = f"{element.name} {shown(own['id'])}" if "id" in element.attributes else element.name
     if " " in element.name or element.name in SILENT or element.name == "style" or own.get("display") == "none":

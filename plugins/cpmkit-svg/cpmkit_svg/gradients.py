@@ -33,7 +33,7 @@ class Stops:
 
 
 def properties(element: Element) -> dict[str, str]:
-    """Return the attributes of an element, and what its attribute ``style`` says in their place."""
+    """Return the attributes of an element, replaced by the entries of its attribute ``style``."""
     own = dict(element.attributes)
     for entry in own.pop("style", "").split(";"):
         name, colon, value = entry.partition(":")
@@ -43,7 +43,7 @@ def properties(element: Element) -> dict[str, str]:
 
 
 def stops_of(given: str, named: Mapping[str, Element], label: str) -> Stops | None:
-    """Return the colours that an attribute gives, None for ``none``.
+    """Return the colours of an attribute's text ``given``, a colour or gradient among ``named``; None for ``none``.
 
     Raise InputError if it is neither a colour nor a gradient of the drawing with stops.
     """

@@ -61,7 +61,7 @@ def _arguments(scanner: Scanner, command: str) -> list[float]:
 
 
 class _Pen:
-    """Where the pen is, and what it drew."""
+    """The pen's position and the subpaths that it has drawn."""
 
     def __init__(self) -> None:
         self.at, self.begin = np.zeros(2), np.zeros(2)
@@ -70,7 +70,7 @@ class _Pen:
         self.found: list[Subpath] = []
 
     def draw(self, command: str, given: list[float]) -> None:
-        """Follow one command."""
+        """Draw the path command ``command`` with its numbers ``given``, from the pen's position."""
         kind = command.upper()
         origin = self.at if command.islower() else np.zeros(2)
         handle = 2 * self.at - self.handle if self.handle_of == {"S": "C", "T": "Q"}.get(kind) else self.at

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @hookimpl
 def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
-    """Return the factory of the one kind."""
+    """Return the factory function of the kind ``svg.path``."""
     return {"svg.path": path}
 
 

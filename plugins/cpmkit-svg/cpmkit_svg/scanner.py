@@ -30,11 +30,11 @@ class Scanner:
         return match.group()
 
     def numbers(self, count: int) -> list[float]:
-        """Return the next ``count`` numbers."""
+        """Return the next ``count`` numbers and move past them; raise InputError if there are fewer."""
         return [self._number() for _ in range(count)]
 
     def flag(self) -> bool:
-        """Return the next flag, 0 or 1, which needs no separator after it."""
+        """Return the next flag, 0 or 1, without a separator after it; raise InputError if there is none."""
         return self._expect(FLAG, "a flag, 0 or 1,") == "1"
 
     def follows_number(self) -> bool:
@@ -51,7 +51,7 @@ class Scanner:
         return self.place == len(self.words)
 
     def refuse(self, expected: str) -> InputError:
-        """Return an error with the text at the position and the expected one."""
+        """Return, not raise, an InputError that names ``expected`` and the text at the position."""
         rest = self.words[self.place : self.place + 20]
         got = shown(rest) if rest else "its end"
         return InputError(f"{self.label}: {expected} was expected at character {self.place + 1}, got {got}.")

@@ -39,9 +39,7 @@ def drawing_scene(file: str | Path | Drawing) -> Scene:
     The Dirichlet values on both sides of a curve are the colour of its ``stroke``; ``data-left`` and ``data-right``
     replace it on one side. Each is a colour, ``url(#id)`` of a gradient, whose stops are then shares of the curve's
     length, or ``none`` for a side without flux. Curves without any of them are omitted. The plane and the curves end at
-    the canvas, which has no flux at its edge.
-
-    Raise InputError if the file cannot be read, or no curve has a colour.
+    the canvas, which has no flux at its edge. Raise InputError if the file cannot be read, or no curve has a colour.
     """
     drawing = file if isinstance(file, Drawing) else read_drawing(file)
     coloured_curves = [curve for curve in drawing.curves if curve.coloured]

@@ -23,7 +23,7 @@ def length(text: str, label: str) -> float:
 
 
 def path_data(name: str, attributes: Mapping[str, str], label: str) -> str:
-    """Return the path data that an element of :data:`SHAPES` draws."""
+    """Return the path data of the shape element ``name`` with ``attributes``; raise InputError if one is damaged."""
     if name == "path":
         return attributes.get("d", "")
     if name in ("polyline", "polygon"):

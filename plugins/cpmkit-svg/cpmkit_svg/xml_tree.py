@@ -60,20 +60,20 @@ def read_xml(path: str | Path) -> Element:
 
 
 class _Builder:
-    """What the parser calls, and the tree that it makes so far."""
+    """Handlers of parser events that build the tree of elements."""
 
     def __init__(self, name: str) -> None:
         self.name, self.root, self.open, self.count = name, None, [], 0  # type: ignore[var-annotated]
 
     def refuse(self, *_: object) -> None:
-        """Refuse a document type, and with it every entity."""
+        """Raise InputError: a document type, and with it every entity, is refused."""
         raise InputError(
             f"{shown(self.name)} has a document type, which may name other files and entities; take the line "
             "<!DOCTYPE ...> out of it."
         )
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
-        """Add an element to the one that is open."""
+        """Add an element to the open element; raise InputError if there are too many, or too deep ones."""
         self.count += 1
         if self.count > MOST_ELEMENTS or len(self.open) >= MOST_DEPTH:
             raise InputError(
