@@ -1,4 +1,4 @@
-"""Rows of benchmarks/acceptance.py on costs: iterations, products, processor time beside the collocation form."""
+"""Rows of benchmarks/acceptance.py on costs: iterations, products, memory, and errors beside the collocation form."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 from forms import main as fifteen
-from galerkin_line import SPACING as OF_SPOT
-from galerkin_line import scene as on_spot
 from galerkin_memory import SPACINGS as FOR_MEMORY
 from galerkin_memory import peak_of
 from palm_mesh import FINGER_RADIUS, palm
@@ -25,7 +23,6 @@ Row = Iterator[tuple[str, float, float]]
 SMOOTH, WITH_CONDITIONS, ON_LIMBS = 25, 32, 45
 #: Of a sphere: 20, 90 and 360 thousand unknowns.
 SPACINGS = (0.053, 0.025, 0.0125)
-ROUNDS = 3
 
 
 def wave(x: Any) -> Any:
@@ -52,18 +49,6 @@ def iterations() -> Row:
         options = {"form": "galerkin", "solver": "multigrid", "solver_tolerance": 1e-10}
         found = [ck.solve(scene, h, **options).report.iterations for h in spacings]
         yield f"{name}, iterations", max(found), limit
-
-
-def processor_time() -> Row:
-    """Processor time of a solve on Spot, in turns: the Galerkin form's over the collocation form's."""
-    spent: dict[str, list[float]] = {"galerkin": [], "collocation": []}
-    for _ in range(ROUNDS + 1):
-        for form, seconds in spent.items():
-            scene, start = on_spot("faceted"), process_time()
-            ck.solve(scene, OF_SPOT, form=form)
-            seconds.append(process_time() - start)
-    galerkin, collocation = (np.median(seconds[1:]) for seconds in spent.values())
-    yield "Spot, flat triangles, share of the time", float(galerkin / collocation), 1 / 8
 
 
 def products() -> Row:
@@ -113,7 +98,6 @@ def dirty_meshes() -> Row:
 
 ROWS = {
     "iterations": iterations,
-    "processor-time": processor_time,
     "products": products,
     "peak-memory": peak_memory,
     "fifteen-problems": problems,

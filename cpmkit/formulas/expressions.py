@@ -180,7 +180,12 @@ class ReactionExpression(Formulas):
         return (*(["u"] if self.channels == 1 else []), *channels, *super()._variables, "t")
 
     def __call__(self, u: Floats, points: Floats, t: float | None = None) -> Floats:
-        """Return the rates (n, channels) for u (n, channels), points (n, d) and the time ``t``, needed if used."""
+        """Return the rates (n, channels) for u (n, channels), points (n, d) and the time ``t``.
+
+        Raises SceneError if a formula contains t and ``t`` is None.
+        """
+        if t is None and self.takes_time:
+            raise SceneError(f"the reaction {shown(self.texts)} depends on t, and no time was given.")
         channels = {f"u{k}": u[:, k - 1] for k in range(1, self.channels + 1)}
         return np.ascontiguousarray(self._values(points, u=u[:, 0], t=t, **channels).T)
 

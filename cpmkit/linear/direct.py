@@ -161,7 +161,7 @@ class DirectSolver:
         del levels
         try:
             return PreparedDirect(operator, factorize_operator(operator))
-        except RuntimeError as error:
+        except (RuntimeError, np.linalg.LinAlgError) as error:
             raise SceneError(
                 f"The linear system is singular ({error}): nothing fixes the solution somewhere."
             ) from error

@@ -224,7 +224,8 @@ def has_finite_feet(source: ClosestPointSource) -> bool:
             return True
         if hasattr(member, "foot_count"):
             warn_renamed(f"{type(member).__name__}.foot_count", "Advice.foot_count")
-            return member.foot_count is not None
+            if member.foot_count is not None:
+                return True
     return False
 
 

@@ -5,6 +5,7 @@ import pytest
 from fuzzing import answered
 
 from cpmkit import SceneError
+from cpmkit.formulas.expressions import ReactionExpression
 from cpmkit.plugin import Expression
 
 POINTS = np.random.default_rng(0).uniform(0.1, 1, (50, 3))
@@ -126,3 +127,11 @@ def test_a_formula_with_t_needs_a_time():
     np.testing.assert_allclose(moving(POINTS, t=2.0), 2 * X)
     with pytest.raises(SceneError, match="depends on t"):
         moving(POINTS)
+
+
+def test_a_reaction_with_t_needs_a_time():
+    growing = ReactionExpression(("u * t",), 3)
+    u = np.ones((len(POINTS), 1))
+    np.testing.assert_allclose(growing(u, POINTS, t=2.0), 2 * u)
+    with pytest.raises(SceneError, match="depends on t"):
+        growing(u, POINTS)
