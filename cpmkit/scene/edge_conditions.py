@@ -193,8 +193,8 @@ def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:
     loops = loops_of_edge(edge)
     if None not in loops and loop not in loops:
         raise SceneError(
-            f"the surface has an edge loop {loop} for which `edge` gives no condition; a table must name every loop that "
-            f"the surface has, and no other: it has {[*loops]}."
+            f"the surface has an edge loop {loop} for which `edge` gives no condition; a table must name every loop "
+            f"that the surface has, and no other: it has {[*loops]}."
         )
     return loops[loop if loop in loops else None]
 
