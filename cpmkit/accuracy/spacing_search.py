@@ -15,7 +15,7 @@ import numpy as np
 from cpmkit.accuracy.adaptive_run import LEAST_RATIO, AdaptiveRun, TimedSolve
 from cpmkit.errors import CpmkitError, ResolutionError
 from cpmkit.forms.choice import cost_model
-from cpmkit.forms.cost_model import fitting_unknowns, line_through, rising_growth
+from cpmkit.forms.cost_model import fitting_unknowns, growth_through, line_through
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
 from cpmkit.grid.spacings import unknowns_at_unit_spacing
@@ -102,7 +102,7 @@ def _refine(run: AdaptiveRun) -> None:
     while not _is_accepted(run, aim) and answers <= 2 and not errors_stay(run):
         here = run.last.spacing
         coarse, fine = ((float(solve.spacing), float(solve.unknowns)) for solve in _last_two(run))
-        growth = rising_growth(fine, coarse, max(largest_dim(run.scene.surface), 1))
+        growth = growth_through(fine, coarse, max(largest_dim(run.scene.surface), 1))
         room = 0.8 * min(run.target.memory or np.inf, memory.available_bytes())
         most_in_memory = fitting_unknowns(room, lambda unknowns: predicted_bytes(run, unknowns), fine[1])
         limit = growth.spacing_with(min(most_in_memory, _most_in_time(run)))

@@ -117,7 +117,7 @@ def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
 
         return checked
     if isinstance(colours, (str, Path)) and Path(colours).suffix.lower() in (".npy", ".csv"):
-        colours = _read_colours(Path(colours), label)
+        colours = _read_curve_colours(Path(colours), label)
     if isinstance(colours, str):
         return as_colour(colours, label).tolist()
     try:
@@ -136,7 +136,7 @@ def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
     return Ramp(along, shares, as_colours(array[:, -3:], label))
 
 
-def _read_colours(name: Path, label: str) -> Floats:
+def _read_curve_colours(name: Path, label: str) -> Floats:
     """Return the rows (k, 3) or (k, 4) of the file ``name``, .npy or .csv; raise InputError if it is not readable."""
     file = find_file(name)
     if file.suffix.lower() == ".npy":

@@ -214,7 +214,7 @@ class CostModel(ABC, Generic[Own]):
         ``fine`` are the counts at ``spacing``, ``coarse`` those at twice that spacing.
         """
         m = largest_dim(self.scene.surface)
-        growths = {name: rising_growth((spacing, fine[name]), (2 * spacing, coarse[name]), m) for name in fine}
+        growths = {name: growth_through((spacing, fine[name]), (2 * spacing, coarse[name]), m) for name in fine}
         return {name: round(max(growth.at(self.options.spacing), fine[name])) for name, growth in growths.items()}
 
     def band_unknowns(self, source: LocalSource) -> float:
@@ -252,7 +252,7 @@ class Growth:
         return float(np.min([root.real for root in roots if root.real > 0]))
 
 
-def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
+def growth_through(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
     """Return the growth through two pairs (spacing, number); m is the dimension of the manifold.
 
     Where a term would be negative, as the coarse lattice does not resolve the manifold, ``fine`` alone gives a, b = 0.

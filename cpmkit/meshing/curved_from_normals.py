@@ -28,7 +28,7 @@ from cpmkit.meshing.curved_from_points import (
     CREASED_EDGE_SHARE,
     ONTO_BOUNDARY_EDGE_SHARE,
     boundary_vertices,
-    curve_from_points,
+    curve_cells_by_closest_points,
     extreme_edge_lengths,
 )
 from cpmkit.meshing.mesh_cache import MeshCache, in_scene_coordinates, mesh_cache_of
@@ -48,7 +48,7 @@ def curve_cells(
     ``spacing``: spacing h of the lattice.
     """
     if geometry == "closest_point":
-        return curve_from_points(mesh, source, boundaries, spacing)
+        return curve_cells_by_closest_points(mesh, source, boundaries, spacing)
     if geometry == "normals":
         return curve_from_normals(mesh, source, boundaries)
     return split_at_knot_planes(mesh, spacing) if mesh.manifold_dim == 1 else mesh

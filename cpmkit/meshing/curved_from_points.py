@@ -24,7 +24,7 @@ CREASED_EDGE_SHARE = 0.15
 ONTO_BOUNDARY_EDGE_SHARE = 0.3
 
 
-def curve_from_points(
+def curve_cells_by_closest_points(
     mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = (), spacing: float | None = None
 ) -> Mesh:
     """Return quadratic cells with nodes on the manifold, those of facets and rim edges on the true boundaries and rims.
@@ -45,7 +45,7 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
 
     Vertices far from their boundary stay; facets that continue a boundary past its tip lie on the manifold alone.
     Vertices beside boundaries move along; facets and cells change where triangles would turn over. ``source`` is the
-    manifold; for ``boundaries`` see :func:`curve_from_points`.
+    manifold; for ``boundaries`` see :func:`curve_cells_by_closest_points`.
     """
     rim = rim_of_vertices(mesh)
     points = _to_manifold(source, mesh.vertices, rim)

@@ -67,6 +67,16 @@ def label_sets(parent: Any) -> tuple[int, Ints]:
     return sets, label
 
 
+def connected_components(count: int, pairs: Any) -> tuple[int, Ints]:
+    """Return the number of connected components of a graph, and the component (count,) of each node.
+
+    ``pairs`` (t, 2) are the edges between the nodes 0 to ``count`` - 1. Components ascend with their smallest nodes.
+    """
+    parent = np.arange(count)
+    unite_pairs(parent, np.ascontiguousarray(pairs, dtype=np.int32))
+    return label_sets(parent)
+
+
 @compiled
 def inverse_index(values: Any, n: int) -> tuple[Ints, Any]:
     """Return the positions of each integer below ``n`` in ``values``, in compressed rows.

@@ -38,7 +38,7 @@ class ByPosition:
 
     parts: tuple[Part, ...]
 
-    def number_at(self, points: Floats) -> Ints:
+    def part_at(self, points: Floats) -> Ints:
         """Return the number (n,) of the first part that contains each of ``points`` (n, d); -1 where no part does."""
         number = np.full(len(points), -1)
         for k, part in enumerate(self.parts):
@@ -153,7 +153,7 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
     for loop in [None] if None in loops_of_edge(edge) else np.unique(loops).tolist():
         rows = np.arange(len(points)) if loop is None else np.flatnonzero(loops == loop)
         conditions = _conditions_of_loop(edge, loop)
-        number = conditions.number_at(points[rows])
+        number = conditions.part_at(points[rows])
         uncovered = points[rows[number < 0]]
         if len(uncovered):
             raise SceneError(
@@ -211,5 +211,5 @@ def sample_edge_point(source: ClosestPointSource, part: Part, parts: ByPosition)
         queries += product(*(bounds[0] + np.linspace(-0.25, 1.25, 7)[:, None] * np.ptp(bounds, axis=0)).T)
     feet = LocalSource(source, np.zeros(source.dim)).closest_point(np.array(queries))
     on = np.flatnonzero(feet.edge >= 0)
-    inside = on[parts.number_at(feet.points[on]) == parts.parts.index(part)]
+    inside = on[parts.part_at(feet.points[on]) == parts.parts.index(part)]
     return feet.points[[*inside, *on, 0][:1]]

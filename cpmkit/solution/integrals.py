@@ -46,7 +46,7 @@ def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | N
         if function is not None:
             read = _integrand(function, form.points.copy(), read)
         return _one_or_each(form.point_weights @ read)
-    curved, values = _curved_cells(solution, dimension)
+    curved, values = _cells_to_integrate(solution, dimension)
     points, _, weights, shares = quadratic_rule(curved)
     read = np.einsum("qk,mkc->mqc", shares, values).reshape(-1, values.shape[2])
     if function is not None:
@@ -86,7 +86,7 @@ def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
     return dimensions[0] if dim is None else dim
 
 
-def _curved_cells(solution: SolutionRecord, dim: int) -> tuple[Mesh, Floats]:
+def _cells_to_integrate(solution: SolutionRecord, dim: int) -> tuple[Mesh, Floats]:
     """Return a mesh of the m curved cells of dimension ``dim``, and the solution (m, k, channels) at their k nodes.
 
     The nodes of a cell are its corners, then the midpoints of its edges. On boundaries the solution is that of the

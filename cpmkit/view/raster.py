@@ -15,7 +15,7 @@ from cpmkit.view.drawing import Drawing, Shapes
 
 
 @compiled
-def fill(
+def rasterize_triangles(
     corners: Floats,
     triangles: Ints,
     paint: Floats,
@@ -126,8 +126,10 @@ def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Fl
         shape = (SAMPLES * (stop - start), columns)
         depth, image = np.full(shape, -np.inf), np.ones((*shape, 3))
         first = SAMPLES * start
-        fill(corners, drawing.triangles, paint, table, normals, signs, LIGHT, AMBIENT, first, depth, image)
-        fill(over, ink.triangles, ink.colours, table, none, none, LIGHT, AMBIENT, first, depth, image)
+        rasterize_triangles(
+            corners, drawing.triangles, paint, table, normals, signs, LIGHT, AMBIENT, first, depth, image
+        )
+        rasterize_triangles(over, ink.triangles, ink.colours, table, none, none, LIGHT, AMBIENT, first, depth, image)
         picture[start:stop] = image.reshape(stop - start, SAMPLES, -1, SAMPLES, 3).mean(axis=(1, 3))
 
     run_parcels(strip, len(picture), 48)

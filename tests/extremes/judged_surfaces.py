@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
-from cpmkit.meshing.curved_from_points import curve_from_points
+from cpmkit.meshing.curved_from_points import curve_cells_by_closest_points
 from cpmkit.meshing.mesh_warnings import contouring_warnings
 from cpmkit.plugin import Mesh, localize
 
@@ -71,7 +71,7 @@ def judge(case, truth=None):
     seen = localize(case.source, case.origin)
     try:
         mesh, report = contour_surface(seen, case.spacing)
-        mesh = curve_from_points(mesh, seen)
+        mesh = curve_cells_by_closest_points(mesh, seen)
     except CpmkitError as error:
         return Verdict(case.name, ["refused"], [str(error)], seen.queries["points"])
     faults = []

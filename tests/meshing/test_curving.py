@@ -9,7 +9,7 @@ from cpmkit.mesh.adjacency import repair
 from cpmkit.mesh.cell_quadrature import quadrature
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.curved_from_normals import curve_cells
-from cpmkit.meshing.curved_from_points import curve_from_points
+from cpmkit.meshing.curved_from_points import curve_cells_by_closest_points
 from cpmkit.meshing.source_cells import source_cells
 from cpmkit.plugin import Mesh, localize
 
@@ -67,7 +67,7 @@ def test_normals_of_curves_are_orthonormal_and_across():
 
 def test_the_rim_is_curved_onto_the_rim():
     source = localize(ck.source("analytic.cap", height=0.4), np.zeros(3))
-    mesh = curve_from_points(subdivide(repair(source_cells(source, 0.28, 0.2).mesh)[0], 0.2), source)
+    mesh = curve_cells_by_closest_points(subdivide(repair(source_cells(source, 0.28, 0.2).mesh)[0], 0.2), source)
     ends = np.sort(mesh.facets, axis=2).reshape(-1, 2)
     _, place, times = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
     rim = times[place.ravel()] == 1
@@ -83,7 +83,7 @@ def test_concave_corners_of_the_rim_stay_where_they_are():
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
     source = localize(ck.source("mesh.triangles", vertices=vertices, faces=faces), np.zeros(3))
     mesh = subdivide(Mesh.of(vertices, faces), 0.3)
-    moved = curve_from_points(mesh, source)
+    moved = curve_cells_by_closest_points(mesh, source)
     assert moved.vertices == pytest.approx(mesh.vertices, abs=1e-6)
     assert quadrature(moved).weights.sum() == pytest.approx(3.0, abs=1e-6)
 
@@ -92,7 +92,7 @@ def test_a_coarse_mesh_far_from_the_manifold_still_reaches_its_rim():
     source = localize(ck.source("analytic.cap"), np.zeros(3))
     coarse = octahedron()
     half = Mesh.of(coarse.vertices, coarse.cells[:4])
-    mesh = curve_from_points(subdivide(repair(half)[0], 0.1), source)
+    mesh = curve_cells_by_closest_points(subdivide(repair(half)[0], 0.1), source)
     single = np.unique(np.sort(mesh.facets.reshape(-1, 2), axis=1), axis=0, return_counts=True)
     rim = np.unique(single[0][single[1] == 1])
     assert mesh.vertices[rim, 2] == pytest.approx(np.zeros(len(rim)), abs=1e-13)
@@ -109,7 +109,7 @@ def test_boundaries_are_curved_onto_theirs_and_their_extensions_are_not():
     raised[on, 2] += 0.02 * np.cos(3 * on)
     extends = np.arange(len(mesh.cut)) >= 4
     mesh = Mesh(raised, mesh.cells, None, mesh.cut, mesh.owner, extends)
-    moved = curve_from_points(mesh, sphere, [ring])
+    moved = curve_cells_by_closest_points(mesh, sphere, [ring])
     imposed = np.unique(mesh.cut[~extends])
     free = np.setdiff1d(on, imposed)
     assert moved.vertices[imposed, 2] == pytest.approx(np.zeros(len(imposed)), abs=1e-13)
@@ -121,7 +121,7 @@ def test_boundaries_are_curved_onto_theirs_and_their_extensions_are_not():
 
 
 def test_cells_beside_an_edge_share_its_midpoint():
-    mesh = curve_from_points(octahedron(2), localize(ck.source("analytic.sphere"), np.zeros(3)))
+    mesh = curve_cells_by_closest_points(octahedron(2), localize(ck.source("analytic.sphere"), np.zeros(3)))
     ends = np.sort(mesh.facets.reshape(-1, 2), axis=1)
     order = np.lexsort(ends.T)
     shared = mesh.midpoints.reshape(-1, 3)[order].reshape(-1, 2, 3)
@@ -131,13 +131,13 @@ def test_cells_beside_an_edge_share_its_midpoint():
 def test_a_foot_far_from_the_chord_is_a_crease():
     corner = localize(ck.source("mesh.polyline", points=[[0.0, 1.0], [0.0, 0.0], [1.0, 0.0]]), np.zeros(2))
     mesh = Mesh.of(np.array([[0.0, 0.5], [0.5, 0.0]]), np.array([[0, 1]]))
-    curved = curve_from_points(mesh, corner)
+    curved = curve_cells_by_closest_points(mesh, corner)
     assert curved.midpoints[0, 0].tolist() == curved.vertices.mean(axis=0).tolist() != [0.0, 0.0]
 
 
 def test_segments_end_where_the_curve_crosses_knot_planes():
     circle = localize(ck.source("analytic.circle"), np.array([0.03, -0.02]))
-    mesh = curve_from_points(source_cells(circle, 0.1).mesh, circle, spacing=0.2)
+    mesh = curve_cells_by_closest_points(source_cells(circle, 0.1).mesh, circle, spacing=0.2)
     centred = mesh.vertices + np.array([0.03, -0.02])
     assert np.linalg.norm(centred, axis=1) == pytest.approx(np.ones(len(centred)), abs=1e-12)
     z = quadrature(mesh).points.reshape(-1, 3, 2) / 0.2

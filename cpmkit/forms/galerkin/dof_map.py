@@ -17,7 +17,7 @@ import numpy as np
 from cpmkit.linear.constant_functions import RowGroups
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.runtime.compilation import compiled
-from cpmkit.runtime.index_sets import find_root, unite
+from cpmkit.runtime.index_sets import connected_components, find_root, unite
 from cpmkit.types import Bools, Floats, Ints
 
 #: A piece of a surface whose bounding box is shorter than this along every axis, in spacings, has one unknown; so has a
@@ -91,7 +91,7 @@ def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = Non
     cell = np.arange(len(points)) if cell is None else cell
     patch, roots, touching = build_patches(cell_codes(points, spacing), contacts, cell)
     cells = np.floor(points[roots] / spacing + 0.5).astype(np.int64)
-    count, piece = components(len(roots), touching)
+    count, piece = connected_components(len(roots), touching)
     extent = piece_extents(points, patch, piece, count)
     size = norms(extent) if np.shape(contacts)[1] == 2 else extent.max(axis=1)
     isolated = size < ISOLATED_SPACINGS * spacing
@@ -127,21 +127,9 @@ def dof_map_from_patches(
     return DofMap(spacing, cells, unknowns, nodes, touching, patch, degree)
 
 
-def components(count: int, pairs: Any) -> tuple[int, Ints]:
-    """Return the number of connected components of a graph, and the component (count,) of each node.
-
-    ``pairs`` (t, 2) are the edges between the nodes 0 to ``count`` - 1, which are patches, or facets of boundaries.
-    """
-    from cpmkit.runtime.index_sets import label_sets, unite_pairs
-
-    parent = np.arange(count)
-    unite_pairs(parent, np.ascontiguousarray(pairs, dtype=np.int32))
-    return label_sets(parent)
-
-
 def connected_pieces(dof_map: DofMap) -> tuple[int, Ints]:
     """Return the number of connected pieces of the manifold, and the piece (n,) that each unknown belongs to."""
-    count, piece = components(len(dof_map.cells), dof_map.touching)
+    count, piece = connected_components(len(dof_map.cells), dof_map.touching)
     piece_of_unknown = np.empty(dof_map.size, dtype=np.int64)
     piece_of_unknown[dof_map.unknowns] = piece[:, None]
     return count, piece_of_unknown

@@ -7,25 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
 #: Components with less area than this, in squares of the spacing, are left out: splines that see such a component alone
 #: have a value of their own there, or none. An ellipsoid 10 : 10 : 1 at spacings of its thickness has some of up to
 #: .02; a sphere with a radius of a tenth of a spacing, found by chance alone, has .13.
 LEAST_COMPONENT_AREA = 0.1
-
-
-def connected_groups(i: Ints, j: Ints, count: int) -> tuple[int, Ints]:
-    """Return the number of connected groups of ``count`` items, and the group (count,) of each item.
-
-    Items ``i`` (k,), such as vertices or triangles, are connected with items ``j`` (k,).
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(count, count))
-    groups, label = connected_components(graph, directed=False)
-    return int(groups), label.astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +141,7 @@ def components_with_areas(vertices: Floats, cells: Ints, links: Ints) -> tuple[I
     ``links`` (m, 3) are the vertices or the edges of each triangle; triangles with a common link are connected.
     """
     ends = np.concatenate([links[:, :2], links[:, 1:]])
-    label = connected_groups(ends[:, 0], ends[:, 1], int(links.max(initial=-1)) + 1)[1][links[:, 0]]
+    label = connected_components(int(links.max(initial=-1)) + 1, ends)[1][links[:, 0]]
     component = np.unique(label, return_inverse=True)[1]
     areas = np.bincount(component, 0.5 * double_areas(vertices, cells))
     return component.astype(np.int64), np.asarray(areas, dtype=np.float64)

@@ -12,7 +12,6 @@ from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.contouring.contour_edges import (
     EdgeTable,
     collapse_edges,
-    connected_groups,
     double_areas,
     edge_ends,
     edge_table,
@@ -21,6 +20,7 @@ from cpmkit.meshing.contouring.contour_edges import (
     shortest_at_both_ends,
 )
 from cpmkit.meshing.contouring.contour_rims import RimTest
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
 
@@ -99,7 +99,7 @@ def _hole_loops(ends: Ints, on_rim: Bools, count: int) -> list[Ints]:
     ``on_rim`` (b,): whether each open edge lies beside a rim.
     ``count``: the number of vertices.
     """
-    borders, label = connected_groups(ends[:, 0], ends[:, 1], count)
+    borders, label = connected_components(count, ends)
     size = np.bincount(label[ends[:, 0]], minlength=borders)
     rim = np.bincount(label[ends[:, 0]], on_rim, minlength=borders)
     is_hole = (size > 2) & (size <= 80) & (rim <= size / 3)
@@ -234,7 +234,7 @@ def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints)
         is_same = cells.ravel()[corner] == cells.ravel()[matches[0]]
         links.append((corner, np.where(is_same, matches[0], matches[1])))
     rows, columns = (np.concatenate(ends) for ends in zip(*links, strict=True))
-    count, fan = connected_groups(rows, columns, cells.size)
+    count, fan = connected_components(cells.size, np.stack([rows, columns], axis=1))
     copied = np.empty(count, dtype=np.int64)
     copied[fan] = cells.ravel()
     return fan.reshape(-1, 3), copied

@@ -11,8 +11,8 @@ from cpmkit.grid.lattice import cell_levels
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.meshing.contouring.contour_edges import connected_groups
 from cpmkit.meshing.contouring.curve_graph import CurveGraph, near_chords, trace_curve
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Floats, Ints
 
 #: Steps of a trace in spacings of the form's, and the shift of the cells whose closest points it starts from, in
@@ -71,7 +71,7 @@ def _trace_on(source: LocalSource, spacing: float, step: float, shift: float) ->
 
 def _without_small_pieces(graph: CurveGraph, size: float) -> CurveGraph:
     """Return the graph without connected pieces whose bounding boxes have no side of at least ``size``."""
-    count, piece = connected_groups(graph.segments[:, 0], graph.segments[:, 1], len(graph.vertices))
+    count, piece = connected_components(len(graph.vertices), graph.segments)
     low, high = np.full((count, graph.vertices.shape[1]), np.inf), np.full((count, graph.vertices.shape[1]), -np.inf)
     np.minimum.at(low, piece, graph.vertices)
     np.maximum.at(high, piece, graph.vertices)

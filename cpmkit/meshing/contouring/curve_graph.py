@@ -8,8 +8,8 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
-from cpmkit.meshing.contouring.contour_edges import connected_groups
 from cpmkit.meshing.contouring.curve_tracing import CurveTracer
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
 #: Segments whose chords come nearer than this, in steps, may cross.
@@ -242,7 +242,7 @@ def _merge_near(vertices: Floats, is_junction: Bools, reach: float) -> Ints:
     if not len(junctions):
         return np.arange(len(vertices))
     pairs = KDTree(vertices[junctions]).sparse_distance_matrix(KDTree(vertices), reach, output_type="coo_matrix")
-    count, group = connected_groups(junctions[pairs.row], pairs.col, len(vertices))
+    count, group = connected_components(len(vertices), np.stack([junctions[pairs.row], pairs.col], axis=1))
     representative = np.empty(count, dtype=np.int64)
     order = np.arange(len(vertices))[::-1]
     order = np.concatenate([order[~is_junction[order]], order[is_junction[order]]])  # the first junction comes last

@@ -103,7 +103,7 @@ class CurveTracer:
         self.junctions.append(last[arrived])
         self.beyond.append(ends.beyond[arrived])
         free = np.flatnonzero(met < 0)
-        partner = self._partners(last[free], target[free], direction[free], bend[free], turned[free])
+        partner = self._met_ends(last[free], target[free], direction[free], bend[free], turned[free])
         own = free[partner < 0]
         number = np.full(len(free), -1)
         number[partner < 0] = len(self.points) + np.arange(len(own))
@@ -158,7 +158,7 @@ class CurveTracer:
         same = self.piece[first] == self.piece[second]
         return np.asarray(same & (np.abs(self.place[first] - self.place[second]) < 6))
 
-    def _partners(self, last: Ints, target: Floats, direction: Floats, bend: Floats, turned: Bools) -> Ints:
+    def _met_ends(self, last: Ints, target: Floats, direction: Floats, bend: Floats, turned: Bools) -> Ints:
         """Return for each end the number (f,) of an earlier end that steps to the same place, -1 if there is none.
 
         Arguments are as in :meth:`_met_points`; an end has one partner at most.

@@ -190,10 +190,10 @@ def _march_edges(
     ahead = nodes.distance[head]
     head_is_near = (ahead < near_share * s) & ~nodes.on_rim[head]
     stop = np.where(head_is_near, (1 - end_share) * s, np.minimum(s, s - ahead + end_share * s))
-    return _march(source, nodes.positions[tail], along, s, first, np.minimum(stop, reach))
+    return _first_hits(source, nodes.positions[tail], along, s, first, np.minimum(stop, reach))
 
 
-def _march(
+def _first_hits(
     source: LocalSource,
     start: Floats,
     along: Floats,
@@ -296,7 +296,7 @@ def _other_crossings(
     s, along = nodes.spacing, (-1.0 if flip else 1.0) * np.eye(3)[axis]
     start, known = (head, s - t) if flip else (tail, t)
     first = Observation(nodes.distance[start], nodes.normals[start], ~nodes.on_rim[start])
-    hit, normal = _march(source, nodes.positions[start], along, s, first, np.full(len(start), s), newton=False)
+    hit, normal = _first_hits(source, nodes.positions[start], along, s, first, np.full(len(start), s), newton=False)
     with np.errstate(invalid="ignore"):
         hit = np.where(np.abs(hit - known) > SAME_SHARE * s, hit, np.nan)
     return (s - hit if flip else hit), normal

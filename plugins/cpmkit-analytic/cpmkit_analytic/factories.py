@@ -15,7 +15,7 @@ import numpy as np
 from cpmkit.plugin import Floats, InputError, as_vector, shown
 from cpmkit.plugin import length as as_length
 from cpmkit_analytic.curves import FULL_TURN, Arc, Circle, Point, Segment
-from cpmkit_analytic.frames import as_direction, as_place, as_position, plane_frame, space_frame
+from cpmkit_analytic.frames import as_direction, as_point, as_position, plane_frame, space_frame
 from cpmkit_analytic.placed import Placed, place
 from cpmkit_analytic.solids import Box
 from cpmkit_analytic.surfaces import Cap, Cylinder, Sphere, Torus
@@ -49,7 +49,7 @@ def segment(*, start: Any, end: Any, rotation: Any = None, translation: Any = No
         Its end 1.
     """
     origin = as_position(start, "start")
-    across = as_place(end, len(origin), "end") - origin
+    across = as_point(end, len(origin), "end") - origin
     if not across.any():
         raise InputError(f"start and end must differ, got {shown(start)} twice.")
     along = as_direction(across, len(origin), "end - start")
@@ -178,7 +178,7 @@ def cap(
             f"height must lie between -radius and radius, got {shown(height)} with the radius {shown(radius)}."
         )
     shape = Cap(length, height=offset)
-    return place(shape, as_place(center, 3, "center"), space_frame(axis)).move(rotation, translation, scale)
+    return place(shape, as_point(center, 3, "center"), space_frame(axis)).move(rotation, translation, scale)
 
 
 def torus(
@@ -207,7 +207,7 @@ def torus(
     shape = Torus(as_length(major, "major"), as_length(minor, "minor"))
     if not shape.minor < shape.major:
         raise InputError(f"minor must be smaller than major, got {shown(minor)} and {shown(major)}.")
-    return place(shape, as_place(center, 3, "center"), space_frame(axis)).move(rotation, translation, scale)
+    return place(shape, as_point(center, 3, "center"), space_frame(axis)).move(rotation, translation, scale)
 
 
 def cylinder(
@@ -236,7 +236,7 @@ def cylinder(
         Along the axis.
     """
     shape = Cylinder(as_length(radius, "radius"), as_length(length, "length"))
-    return place(shape, as_place(center, 3, "center"), space_frame(axis)).move(rotation, translation, scale)
+    return place(shape, as_point(center, 3, "center"), space_frame(axis)).move(rotation, translation, scale)
 
 
 def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
@@ -253,7 +253,7 @@ def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None
         The corner with the greatest coordinates.
     """
     low = as_position(lower, "lower")
-    high = as_place(upper, len(low), "upper")
+    high = as_point(upper, len(low), "upper")
     if not (high > low).all():
         raise InputError(f"upper must be above lower in every coordinate, got {shown(lower)} and {shown(upper)}.")
     return place(Box(0.5 * (high - low)), 0.5 * (low + high), np.eye(len(low))).move(rotation, translation, scale)

@@ -20,10 +20,10 @@ def as_position(x: Any, label: str) -> Floats:
         or len(x) not in (2, 3)
     ):
         raise InputError(f"{label} must be 2 or 3 numbers, got {shown(x)}.")
-    return as_place(x, len(x), label)
+    return as_point(x, len(x), label)
 
 
-def as_place(x: Any, dim: int, label: str) -> Floats:
+def as_point(x: Any, dim: int, label: str) -> Floats:
     """Return ``x`` as a (dim,) position.
 
     Raise InputError if it is not ``dim`` numbers, or distances between such points cannot be squared.

@@ -42,7 +42,7 @@ def curve_mesh(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellM
     move with these, so that thin cells keep their shape. A node stays where it is if it would move far or invert a
     cell.
     """
-    lines, wanted = _on_lines(scene, mesh, cut)
+    lines, wanted = _line_facets_and_targets(scene, mesh, cut)
     merged, number = _merge_nodes(mesh)
     reach = _edge_at_nodes(merged)[number]
     others = np.setdiff1d(np.arange(len(mesh.nodes)), lines)
@@ -58,7 +58,7 @@ def curve_mesh(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellM
     return replace(mesh, nodes=nodes, curved=True), np.linalg.norm(nodes - wanted, axis=1)
 
 
-def _on_lines(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[Ints, Floats]:
+def _line_facets_and_targets(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[Ints, Floats]:
     """Return the facets (f, c) on boundaries and the rim, and all nodes (n, d), with those of the facets projected."""
     wanted, none = mesh.nodes.copy(), np.zeros((0, mesh.manifold_dim), dtype=np.int64)
     rim, opposite = rim_facets(mesh, none if cut is None else cut.edges)

@@ -24,7 +24,7 @@ def cases() -> list[ConformanceCase]:
     """Return the conformance cases of meshes, faceted and smooth, of polylines, and of curves of a mesh."""
     from cpmkit.plugin import ConformanceCase
 
-    meshes = {"closed": _torus(), "open": _cone(), "two components": _two_tori()}
+    meshes = {"closed": _torus_case_mesh(), "open": _cone(), "two components": _two_tori()}
     conformance = []
     for name, (points, faces) in meshes.items():
         turn = turning_angle(triangles(vertices=points, faces=faces))
@@ -107,7 +107,7 @@ def _grid(columns: int, rows: int, wrap: bool) -> Ints:
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
-def _torus(columns: int = 48, rows: int = 24) -> Mesh:
+def _torus_case_mesh(columns: int = 48, rows: int = 24) -> Mesh:
     v, u = np.divmod(np.arange(columns * rows), columns)
     u, v = 2 * np.pi * u / columns, 2 * np.pi * v / rows
     points = np.stack([(1 + 0.4 * np.cos(v)) * np.cos(u), (1 + 0.4 * np.cos(v)) * np.sin(u), 0.4 * np.sin(v)], axis=1)
@@ -123,7 +123,7 @@ def _cone(columns: int = 48, rows: int = 9) -> Mesh:
 
 
 def _two_tori() -> Mesh:
-    points, faces = _torus(32, 16)
+    points, faces = _torus_case_mesh(32, 16)
     return np.concatenate([points, points[:, [2, 0, 1]] + [3.0, 0, 0]]), np.concatenate([faces, faces + len(points)])
 
 

@@ -153,10 +153,10 @@ def _slide(x, k, rim):
     links = rim[3]
     came = -1
     for _ in range(MAX_TRIANGLES):
-        at_start, at_end = _ahead(x, k, 0.0, rim), _ahead(x, k, 1.0, rim)
+        at_start, at_end = _offset_ahead(x, k, 0.0, rim), _offset_ahead(x, k, 1.0, rim)
         if at_start > 0.0 and at_end < 0.0:
-            s = _between(x, k, at_start, at_end, rim)
-            return k, s, _outward(x, k, s, rim) < 0.0
+            s = _root_on_edge(x, k, at_start, at_end, rim)
+            return k, s, _offset_outward(x, k, s, rim) < 0.0
         end = 0 if at_start <= 0.0 else 1
         link = links[k, end]
         if link < 0 or end == came:
@@ -166,7 +166,7 @@ def _slide(x, k, rim):
 
 
 @compiled
-def _ahead(x, k, s, rim):
+def _offset_ahead(x, k, s, rim):
     """Return q . t - (q . n) (n . t) / (n . n), which is positive where ``x`` (3,) lies ahead of a boundary point.
 
     q leads to ``x`` from the point at the share ``s`` of boundary edge ``k``; n and t are the interpolated normal and
@@ -183,16 +183,17 @@ def _ahead(x, k, s, rim):
 
 
 @compiled
-def _between(x, k, at_start, at_end, rim):
-    """Return the zero s in [0, 1] of :func:`_ahead` on boundary edge ``k``, by the Illinois variant of regula falsi.
+def _root_on_edge(x, k, at_start, at_end, rim):
+    """Return the root s in [0, 1] of :func:`_offset_ahead` on boundary edge ``k``, found by Illinois regula falsi.
 
-    ``at_start`` > 0 and ``at_end`` < 0 are its values at s = 0 and 1.
+    ``at_start`` > 0 and ``at_end`` < 0 are its values at s = 0 and 1, for the query ``x`` (3,). ``rim`` are the arrays
+    of :func:`follow_normals`.
     """
     low, high, s = 0.0, 1.0, 0.5
     for _ in range(60):
         previous = s
         s = (low * at_end - high * at_start) / (at_end - at_start)
-        value = _ahead(x, k, s, rim)
+        value = _offset_ahead(x, k, s, rim)
         if value == 0.0 or abs(s - previous) <= 1e-15:
             break
         if value > 0.0:
@@ -205,8 +206,8 @@ def _between(x, k, at_start, at_end, rim):
 
 
 @compiled
-def _outward(x, k, s, rim):
-    """Return q . (t x n), positive where ``x`` (3,) lies beyond the boundary: q, t and n as in :func:`_ahead`."""
+def _offset_outward(x, k, s, rim):
+    """Return q . (t x n), positive where ``x`` (3,) lies beyond the boundary; see :func:`_offset_ahead` for q, t, n."""
     q, n, t = np.empty(3), np.empty(3), np.empty(3)
     for j in range(3):
         q[j] = x[j] - (rim[0][k, 0, j] + s * (rim[0][k, 1, j] - rim[0][k, 0, j]))

@@ -42,7 +42,7 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
         raise InputError(
             f"{shown(file.name)} is not a mesh file that can be read; accepted are {', '.join(MESH_SUFFIXES)}."
         )
-    vertices, polygons = _parse(file)
+    vertices, polygons = _read_polygons(file)
     if not len(vertices) or not len(polygons.counts):
         raise InputError(
             f"{shown(file.name)} holds {len(vertices)} vertices and {len(polygons.counts)} faces; a surface needs some."
@@ -55,7 +55,7 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
     return vertices[first], place[faces]
 
 
-def _parse(file: Path) -> tuple[Floats, Polygons]:
+def _read_polygons(file: Path) -> tuple[Floats, Polygons]:
     """Return the vertices (n, 3) and the polygons of ``file`` as they are stored, unchecked.
 
     Raise InputError if it cannot be read, does not parse by its suffix, or does not fit into memory.

@@ -11,7 +11,7 @@ from meshing.contouring.measures import area, length, pieces, topology
 
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
-from cpmkit.meshing.curved_from_points import curve_from_points
+from cpmkit.meshing.curved_from_points import curve_cells_by_closest_points
 from cpmkit.plugin import Mesh, localize
 
 #: Components, pieces of the border and Euler characteristic, where they are not those of a sphere.
@@ -93,7 +93,7 @@ def test_surfaces(case):
     spacing = float(np.ptp(source.bounds, axis=0).max()) / 16
     seen = localize(source, source.bounds.mean(axis=0))
     mesh, report = contour_surface(seen, spacing)
-    mesh = curve_from_points(mesh, seen)
+    mesh = curve_cells_by_closest_points(mesh, seen)
     assert area(mesh) == pytest.approx(drawn_size(source, case, spacing / 2), rel=6e-3)
     assert len(report.missed) == 0
     if "klein" not in case.kind:  # it meets itself
@@ -107,7 +107,7 @@ def test_curves(case):
     spacing = float(np.ptp(source.bounds, axis=0).max()) / 30
     seen = localize(source, source.bounds.mean(axis=0))
     mesh, defects = contour_curve(seen, spacing)
-    mesh = curve_from_points(mesh, seen)
+    mesh = curve_cells_by_closest_points(mesh, seen)
     assert length(mesh) == pytest.approx(drawn_size(source, case, spacing / 8), rel=2e-3)
     assert np.sum(np.bincount(mesh.cells.ravel()) == 1) == table(ENDS, case, 0)
     assert pieces(mesh.cells) == table(COMPONENTS, case, 1)

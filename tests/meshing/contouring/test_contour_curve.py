@@ -13,7 +13,7 @@ import cpmkit as ck
 from cpmkit.errors import ResolutionError
 from cpmkit.mesh.subdivision import split_at_knot_planes
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
-from cpmkit.meshing.curved_from_points import curve_from_points
+from cpmkit.meshing.curved_from_points import curve_cells_by_closest_points
 from cpmkit.plugin import localize
 
 ROUND = {"range": [0, 2 * pi], "periodic": True}
@@ -34,7 +34,7 @@ def followed(source, spacing, origin=None):
     centre = np.asarray(source.bounds).mean(axis=0)
     seen = localize(source, centre if origin is None else centre + origin)
     mesh, defects = contour_curve(seen, spacing)
-    return curve_from_points(mesh, seen), defects
+    return curve_cells_by_closest_points(mesh, seen), defects
 
 
 def degrees(mesh):

@@ -16,7 +16,7 @@ import cpmkit as ck
 from cpmkit import ClosestPoints
 from cpmkit.meshing.contouring.contour_edges import remove_small_components
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
-from cpmkit.meshing.curved_from_points import curve_from_points
+from cpmkit.meshing.curved_from_points import curve_cells_by_closest_points
 from cpmkit.plugin import localize
 
 TURN = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
@@ -35,7 +35,7 @@ def contoured(source, spacing, origin=None):
     """Return the mesh, the report, and how many queries were asked for each unknown that there will be."""
     seen = localize(source, source.bounds.mean(axis=0) if origin is None else np.asarray(origin, dtype=float))
     mesh, report = contour_surface(seen, spacing)
-    mesh = curve_from_points(mesh, seen)
+    mesh = curve_cells_by_closest_points(mesh, seen)
     return mesh, report, seen.queries["points"] / (4.5 * area(mesh) / spacing**2)
 
 

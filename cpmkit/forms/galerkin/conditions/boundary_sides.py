@@ -16,11 +16,11 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, place
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.dof_map import components
 from cpmkit.forms.galerkin.space.energy import mean_over_tangents
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.oriented import OrientedBoundary
@@ -129,7 +129,7 @@ def _merge_labels(labels: Ints, rows: Ints, keys: Ints) -> Ints:
     """Return ``labels`` (n,), below n, renumbered from 0, those of ``rows`` (k,) with equal ``keys`` (k, 2) merged."""
     n, node = len(labels), _renumber(keys[:, 0] * (int(keys[:, 1].max(initial=0)) + 1) + keys[:, 1])
     pairs = np.stack([labels[rows], n + node], axis=1)
-    return _renumber(components(n + len(rows), pairs)[1][labels])
+    return _renumber(connected_components(n + len(rows), pairs)[1][labels])
 
 
 def _renumber(labels: Ints) -> Ints:

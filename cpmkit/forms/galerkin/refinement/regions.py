@@ -122,7 +122,7 @@ def grade_mesh(mesh: Mesh, regions: Regions, spacings: float) -> Mesh:
     """
     first = regions.subdivided[0] if regions.finest else np.zeros(0, dtype=np.int64)
     near_codes = codes_of_cells(with_neighbours(cells_of_codes(first, regions.dim)))
-    return halve_long_edges(mesh, lambda mesh: _with_longest(_is_long(mesh, regions, near_codes, spacings), mesh))
+    return halve_long_edges(mesh, lambda mesh: _mark_longest_edges(_is_long(mesh, regions, near_codes, spacings), mesh))
 
 
 def _is_long(mesh: Mesh, regions: Regions, near_codes: Ints, spacings: float) -> Bools:
@@ -143,7 +143,7 @@ def _is_long(mesh: Mesh, regions: Regions, near_codes: Ints, spacings: float) ->
     return long
 
 
-def _with_longest(long: Bools, mesh: Mesh) -> Bools:
+def _mark_longest_edges(long: Bools, mesh: Mesh) -> Bools:
     """Return ``long`` (e,), changed in place, with the longest edge of each triangle with a marked edge marked too.
 
     Marking is repeated until the longest edge of each triangle with a marked edge is marked.

@@ -216,11 +216,12 @@ def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Float
 
     Each run is a sequence of k unknowns along an axis; ``data`` (z,) are those of a matrix of the space.
     """
-    from cpmkit.forms.galerkin.space.pattern_kernels import add_squares
+    from cpmkit.forms.galerkin.space.pattern_kernels import add_squared_differences
     from cpmkit.runtime.index_sets import inverse_index
 
     by_unknown = inverse_index(runs.ravel(), space.dof_map.size)
-    add_squares(runs, *by_unknown, differences(runs.shape[1] - 1), factors, (space.indptr, space.indices, data))
+    matrix = space.indptr, space.indices, data
+    add_squared_differences(runs, *by_unknown, differences(runs.shape[1] - 1), factors, matrix)
 
 
 def scalar_coefficient(space: SplineSpace, a: Floats | float) -> Floats:

@@ -124,7 +124,9 @@ def sparsity_pattern(
 
 
 @compiled
-def add_squares(runs: Ints, starts: Ints, places: Any, stencil: Floats, factors: Floats, matrix: Any) -> None:
+def add_squared_differences(
+    runs: Ints, starts: Ints, places: Any, stencil: Floats, factors: Floats, matrix: Any
+) -> None:
     """Add sum_r factors[r] (stencil . u[runs[r]])^2 to a ``matrix`` (indptr, indices, data) in CSR format.
 
     ``stencil`` (k,) are the coefficients of a difference and ``runs`` (r, k) sequences of unknowns. ``starts`` (n + 1,)
