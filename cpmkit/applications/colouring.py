@@ -137,7 +137,10 @@ def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
 
 
 def _read_curve_colours(name: Path, label: str) -> Floats:
-    """Return the rows (k, 3) or (k, 4) of the file ``name``, .npy or .csv; raise InputError if it is not readable."""
+    """Return the rows of the file ``name``, .npy or .csv, unchecked: (k, 3) colours, or (k, 4) with shares before them.
+
+    Shares are those of the curve's length. Raises InputError, by ``label`` for a .csv, if the file is not readable.
+    """
     file = find_file(name)
     if file.suffix.lower() == ".npy":
         return np.asarray(read_array(file, "an array of colours"), dtype=np.float64)

@@ -83,10 +83,11 @@ def agreements(first: Floats, second: Floats, chords: Floats, short: float) -> F
 def propagate_signs(
     points: Floats, directions: Floats, tangents: Floats | None, spacing: float
 ) -> tuple[Floats, Ints, bool, bool]:
-    """Return ``directions`` (s, d) at ``points`` (s, d), ``spacing`` apart, with signs that agree between neighbours.
+    """Return ``directions`` (s, d), unit normals or conormals at ``points`` (s, d), with signs that neighbours share.
 
-    Signs follow a minimum spanning tree of the pairs of neighbours, whose weights are small where directions agree
-    well. With unit ``tangents`` (s, d) the samples lie on a curve, and only samples ahead or behind are neighbours.
+    Points are ``spacing`` apart. Signs follow a minimum spanning tree of pairs of neighbours, with small weights where
+    directions agree well. With unit ``tangents`` (s, d) the points lie on a curve, and only points ahead or behind are
+    neighbours; without, ``tangents`` is None.
 
     Returned ``directions`` (s, d).
     Returned ``piece`` (s,): number of the connected piece of each sample; signs of different pieces are independent.

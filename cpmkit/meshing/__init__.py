@@ -1,1 +1,1 @@
-"""The manifold as a mesh with the boundaries as its edges: contouring, insertion, curved cells, untangling."""
+"""The manifold as a mesh with boundaries as edges: contouring, insertion, curving, untangling, warnings on the mesh."""

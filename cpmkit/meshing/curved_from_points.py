@@ -29,9 +29,11 @@ def curve_cells_by_closest_points(
 ) -> Mesh:
     """Return quadratic cells with nodes on the manifold, those of facets and rim edges on the true boundaries and rims.
 
+    Midpoints stay on chords across creases. Vertices far from their boundary, or whose triangles would turn over, stay
+    off it; some edges are flipped, and facets replaced, beside boundaries, where triangles would turn over or be thin.
+
     ``mesh``: flat cells near the manifold, subdivided, with the boundaries inserted. ``source``: the manifold.
-    ``boundaries``: the boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its
-        vertices.
+    ``boundaries``: in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its vertices.
     ``spacing``: spacing of the lattice: segments are split where the curve crosses its knot planes; None: no splits.
     """
     mesh = move_vertices_to_manifold(mesh, source, boundaries)

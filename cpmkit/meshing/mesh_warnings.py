@@ -62,8 +62,8 @@ def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator
     if report.nonmanifold_share > MAX_NONMANIFOLD_SHARE:
         yield (
             f"{report.nonmanifold_share:.0%} of the edges of the triangulation by closest points have three triangles "
-            f"or more, at {report.lattice_spacing:g} spacings: the surface is thin there, or its sheets meet; a "
-            "smaller spacing shows which."
+            f"or more, at {report.lattice_spacing:g} spacings: the surface is thin there, or its sheets meet; "
+            "use a smaller spacing to see which."
         )
     yield from _defect_warnings(report.defects, surface)
     if report.isolated_components:
@@ -90,7 +90,7 @@ def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
 
 
 def with_noise_advice(texts: Iterator[str], source: LocalSource, spacing: float) -> tuple[str, ...]:
-    """Return ``texts``; for a source noisy at ``spacing`` they advise exacter closest points, not a smaller spacing.
+    """Return ``texts``; if ``source`` is noisy at ``spacing``, with :data:`EXACTER` for "use a smaller spacing".
 
     A smaller spacing would increase the error by noise.
     """

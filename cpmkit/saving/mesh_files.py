@@ -70,7 +70,7 @@ def write_obj(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> No
 
 
 def write_csv(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write a CSV file: a line of names, then a vertex a line: coordinates, values, and if given its errors."""
+    """Write a CSV file with columns x, y, z (in space), u or u0, u1, ..., and if given ``error`` (v, channels)."""
     columns = value_columns(mesh, error)
     rows = np.column_stack([mesh.points, *columns.values()])
     names = ",".join([*"xyz"[: mesh.points.shape[1]], *columns])

@@ -39,7 +39,10 @@ class ByPosition:
     parts: tuple[Part, ...]
 
     def part_at(self, points: Floats) -> Ints:
-        """Return the number (n,) of the first part that contains each of ``points`` (n, d); -1 where no part does."""
+        """Return the number (n,) of the first part that contains each of ``points`` (n, d); -1 where no part does.
+
+        Points are in the scene's coordinates. Raises InputError, as :func:`evaluate_data`, for values of a `where`.
+        """
         number = np.full(len(points), -1)
         for k, part in enumerate(self.parts):
             rest = np.flatnonzero(number < 0)

@@ -165,10 +165,11 @@ def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False
 
 
 def _one_of_kinds(sort: str, more: Mapping[str, Any] = {}, needs: bool = True) -> Schema:
-    """Return the JSON schema of a table whose ``kind``, one of this ``sort``, determines its other keys.
+    """Return the JSON schema of a table whose ``kind``, one of this :attr:`Kind.sort`, determines its other keys.
 
-    All kinds have the properties ``more`` too. ``needs`` is False if only ``kind`` is required. Keys of equations are
-    described as data. A key ``surface`` is never required: a boundary receives the surface of its scene.
+    ``more`` are schemas of further keys by name; ``needs`` is False if only ``kind`` is required. Keys of equations are
+    described as data. A key ``surface`` is never required: a boundary receives its scene's. Raises PluginError if a
+    plugin does not import.
     """
     variants = []
     for choice in (kind for kind in kinds() if kind.sort == sort):

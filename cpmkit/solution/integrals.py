@@ -87,7 +87,7 @@ def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
 
 
 def _cells_to_integrate(solution: SolutionRecord, dim: int) -> tuple[Mesh, Floats]:
-    """Return a mesh of the m curved cells of dimension ``dim``, and the solution (m, k, channels) at their k nodes.
+    """Return m curved cells of dimension ``dim`` to integrate over, and the solution (m, k, channels) at their k nodes.
 
     The nodes of a cell are its corners, then the midpoints of its edges. On boundaries the solution is that of the
     cell's side.

@@ -97,9 +97,9 @@ def _parse_record(line: bytes, where: str) -> Record:
 
 
 def append_record(file: Path, record: Mapping[str, Any]) -> None:
-    """Append a record as one line in a single write; earlier lines stay whole if the write is interrupted.
+    """Append ``record`` to ``file`` as a line of JSON in one write; earlier lines stay whole if it is interrupted.
 
-    Raises InputError if the file cannot be written.
+    Raises InputError if the file cannot be written, ValueError if a number is not finite.
     """
     line = json.dumps(record, allow_nan=False, default=float).encode() + b"\n"
     with explain_system_error(f"{file} cannot be written"), file.open("ab", buffering=0) as opened:

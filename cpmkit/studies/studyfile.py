@@ -145,7 +145,7 @@ class Study:
     def scene(self) -> Scene:
         """The scene, read at first access; if steps are tied to the spacing, with the time step of the first spacing.
 
-        A step in [problem] takes precedence. Raises SceneError if the tables are not accepted.
+        A step in [problem] takes precedence. Raises SceneError if a table is refused, and others as :func:`read_scene`.
         """
         tables = dict(self.tables)
         if self.sweep.step_per_spacing is not None:

@@ -30,9 +30,8 @@ def rasterize_triangles(
 ) -> None:
     """Draw triangles into the rows of an image, at the pixels where they are nearer to the viewer than its ``depth``.
 
-    ``corners`` (v, 3): column and row from the upper left corner of the picture, in pixels, and height towards the
-        viewer.
-    ``triangles`` (t, 3).
+    ``corners`` (v, 3): column and row from the upper left corner of the picture, in pixels, and height to the viewer.
+    ``triangles`` (t, 3): the vertices at their corners.
     ``paint`` (v, 3) or (v, 1): colours of the vertices, or their places from 0 to 1 in ``table`` (k, 3).
     ``normals`` (v, 3): normals: to the right, up and towards the viewer; no rows if the triangles are not shaded.
     ``signs`` (t, 3): 1 or -1 for each corner of a triangle: the factor that turns its normal to the visible side.

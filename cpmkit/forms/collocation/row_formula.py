@@ -51,7 +51,10 @@ class BoundaryData:
 
 
 def sum_of_data(data: Iterable[BoundaryData], rows: int, channels: int, time: float | None = None) -> Floats:
-    """Return the sum (rows, channels) of the terms ``data`` at ``time`` in each of ``rows`` rows, 0 without terms."""
+    """Return the sum (rows, channels) of the terms ``data`` in each of ``rows`` rows, 0 without terms.
+
+    ``time`` is None for problems without time. Raises InputError as :func:`evaluate_data`.
+    """
     total = np.zeros((rows, channels))
     for datum in data:
         values = evaluate_data(datum.data, datum.points, channels, datum.name, time)

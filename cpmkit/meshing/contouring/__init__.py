@@ -1,1 +1,1 @@
-"""Triangles and segments on manifolds that are known by closest points alone: dual contouring without a sign."""
+"""Manifolds known by closest points alone: surfaces by dual contouring without a sign, curves traced step by step."""

@@ -49,8 +49,7 @@ class CurveTracer:
     #: points, directions (n, d): the points traced so far, and the direction of the trace at each.
     points: Floats
     directions: Floats
-    #: piece, place (n,): the start from which each point was traced, and its number along the trace from there, of both
-    #: signs.
+    #: piece, place (n,): the start from which each point was traced, and its signed number along the trace from there.
     piece: Ints
     place: Ints
     #: list of (k, 2) int64: numbers of the points that are connected.
@@ -159,9 +158,9 @@ class CurveTracer:
         return np.asarray(same & (np.abs(self.place[first] - self.place[second]) < 6))
 
     def _met_ends(self, last: Ints, target: Floats, direction: Floats, bend: Floats, turned: Bools) -> Ints:
-        """Return for each end the number (f,) of an earlier end that steps to the same place, -1 if there is none.
+        """Return for each open end the number (f,) of an earlier end whose step ends beside its own, -1 for none.
 
-        Arguments are as in :meth:`_met_points`; an end has one partner at most.
+        Arguments are as in :meth:`_met_points`. An earlier end may be returned for several, and itself has -1.
         """
         from scipy.spatial import KDTree
 

@@ -204,14 +204,14 @@ def _first_hits(
 ) -> tuple[Floats, Floats]:
     """Return the length (n,) at which each ray first meets the surface, and the unit normal (n, 3) there.
 
-    The length is NaN where a ray meets nothing. The normal points back along the ray. A step goes to the tangent
-    plane of the closest point (Newton) as long as the distance falls and the normal hardly changes; else over the empty
-    sphere around the last safe point (sphere tracing).
+    The normal points back along the ray. The length is NaN, the normal zero, where a ray meets nothing up to its stop.
+    Crossings do not count where the ray grazes the surface or the closest point is on a rim, nor, unless found in the
+    first round, within ``END_SHARE`` of a start that is near the surface. A step goes to the tangent plane of the
+    closest point (Newton) as long as the distance falls and the normal hardly changes; else over the empty sphere
+    around the last safe point (sphere tracing), by at least 6 % of ``length``, which may skip a crossing.
 
-    ``start``, ``along`` (n, 3): the starts of the rays, and their unit directions.
-    ``length``: the length to which tolerances refer.
-    ``first``: observations at the starts.
-    ``stop`` (n,): lengths of the rays.
+    ``start``, ``along`` (n, 3): starts and unit directions of the rays. ``length``: that to which tolerances refer.
+    ``first``: observations at the starts. ``stop`` (n,): lengths of the rays.
     ``newton``: whether Newton's steps are tried. They may miss a sheet where two sheets cross.
     """
     hit, normal = np.full(len(start), np.nan), np.zeros_like(start)

@@ -10,9 +10,9 @@ from cpmkit.plugin import Floats, InputError, as_positions, as_vector, shown
 
 
 def as_position(x: Any, label: str) -> Floats:
-    """Return ``x`` as (2,) or (3,) float64.
+    """Return ``x``, a list, tuple or array of 2 or 3 numbers, as a (2,) or (3,) float64 point.
 
-    Raise InputError if it is not 2 or 3 numbers, or distances between such points cannot be squared.
+    Raise InputError, whose message begins with ``label``, if it is not, or fails :func:`as_point`.
     """
     if (
         not isinstance(x, (list, tuple, np.ndarray))
@@ -24,9 +24,10 @@ def as_position(x: Any, label: str) -> Floats:
 
 
 def as_point(x: Any, dim: int, label: str) -> Floats:
-    """Return ``x`` as a (dim,) position.
+    """Return ``x`` as a (dim,) float64 point.
 
-    Raise InputError if it is not ``dim`` numbers, or distances between such points cannot be squared.
+    Raise InputError, whose message begins with ``label``, if it is not ``dim`` finite numbers, or a coordinate is
+    larger in size than 1e50 (``LARGEST_LENGTH``).
     """
     return as_positions(as_vector(x, dim, label)[None], dim, label)[0]
 

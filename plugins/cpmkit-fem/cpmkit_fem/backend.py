@@ -38,7 +38,7 @@ def fem() -> Backend:
 
 
 def fem_pinned() -> Backend:
-    """Return the form ``solve(scene, spacing, backend="fem-pinned")``: as ``fem``, on triangles that are not cut.
+    """Return the form ``solve(scene, spacing, backend="fem-pinned")``: linear elements on uncut triangles of a surface.
 
     The vertices nearest to a boundary get its value, a common method on meshes with which King et al. (2024), section
     6.4, compare. Boundaries have Dirichlet conditions, the same on both sides.

@@ -59,7 +59,12 @@ def curve_mesh(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellM
 
 
 def _line_facets_and_targets(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[Ints, Floats]:
-    """Return the facets (f, c) on boundaries and the rim, and all nodes (n, d), with those of the facets projected."""
+    """Return the facets (f, c) on the rim, then on boundaries, and the targets (n, d) of all nodes of ``mesh``.
+
+    Targets of nodes on boundaries are on the boundary, or near all boundaries that meet there; those of ends of
+    boundaries at the rim near the rim too. Those of midpoints of rim edges are on the rim. Other nodes, corners of the
+    rim among them, are their own targets. ``mesh`` is of degree 2; ``cut`` is None without boundaries.
+    """
     wanted, none = mesh.nodes.copy(), np.zeros((0, mesh.manifold_dim), dtype=np.int64)
     rim, opposite = rim_facets(mesh, none if cut is None else cut.edges)
     if len(rim) and mesh.manifold_dim == 2:

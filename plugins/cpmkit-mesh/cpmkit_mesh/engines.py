@@ -30,8 +30,9 @@ Search = Callable[[Floats], Nearest]
 def nearest_search(engine: str, tree: BoxTree) -> Search:
     """Return a function from queries (n, 3) to their nearest points (``Nearest``) on the triangles of ``tree``.
 
-    ``engine`` is "own", "fcl" or "open3d". Raise MissingDependencyError if that library is absent or does not load,
-    InputError if the mesh has triangles without area, about which fcl answers wrongly.
+    ``engine`` is "own", "fcl" or "open3d", which finds triangles nearest up to the rounding of float32. Raise
+    MissingDependencyError if that library is absent or does not load; "fcl" raises InputError if the mesh has
+    triangles without area, about which it answers wrongly.
     """
     if engine == "own":
         return partial(find_nearest, tree)

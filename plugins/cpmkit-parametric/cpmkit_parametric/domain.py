@@ -149,7 +149,11 @@ class Sides:
 
 
 def find_sides(map: UnitMap, domain: Domain, size: float) -> Sides:
-    """Return the edge loops at the ends of parameters, by decreasing length (of a curve its ends 0, 1), and poles."""
+    """Return the edge loops at the ends of parameters, by decreasing length (of a curve its ends 0, 1), and poles.
+
+    A side whose image is no longer than 1e-9 of ``size``, the diagonal of the whole image's box, is a pole. Two
+    bounded parameters have one loop, 0, and so has a flipped ``domain``.
+    """
     if map.count == 1:
         ends = np.array([[-1, -1]] if domain.periodic[0] else [[0, 1]], dtype=np.int64)
         return Sides(ends, np.zeros((1, 2), dtype=np.bool_))

@@ -176,6 +176,7 @@ def _times(tree: ast.expr, factor: str) -> ast.expr:
 
 
 def _check_radius(radius: Map, start: float, end: float) -> None:
+    """Raise InputError if ``radius``, a map of t, is negative beyond rounding at one of 513 t in [start, end]."""
     at = radius.value(np.linspace(start, end, 513)[:, None])[:, 0]
     if np.nanmin(at) < -1e-12 * np.nanmax(np.abs(at)):
         raise InputError(

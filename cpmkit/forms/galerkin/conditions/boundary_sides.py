@@ -106,9 +106,9 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
 
 
 def _side_and_piece_labels(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
-    """Return two labels (n,) of half facets: of one side of a connected piece of a boundary, and of this piece.
+    """Return labels (n,) of half facets, by which votes for left are summed: of one side of a piece, and of the piece.
 
-    Facets of the same boundary are connected at vertices where exactly two facets of boundaries meet. Each facet on no
+    A piece is facets of a boundary, connected at vertices where exactly two facets of boundaries meet. Each facet on no
     boundary has labels of its own. ``corners`` (m, k) are the vertices of the cells after cutting.
     """
     n, k = len(half.cell), mesh.cells.shape[1]

@@ -43,7 +43,7 @@ class EnrichedSpace(FunctionSpace):
         return self._columns([function.values(points, cells) for function in self.functions], len(points))
 
     def singular_derivative_rows(self, points: Floats, cells: Ints, directions: Floats) -> csr_array:
-        """Return the derivatives (k, m) of the psi at ``points`` (k, d) in ``cells`` (k,) along ``directions``."""
+        """Return (k, m) ``directions`` (k, d) times gradients of the psi at ``points`` (k, d) in ``cells`` (k,)."""
         columns = []
         for function in self.functions:
             rows, gradients = function.slopes(points, cells)

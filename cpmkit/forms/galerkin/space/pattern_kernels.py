@@ -127,10 +127,11 @@ def sparsity_pattern(
 def add_squared_differences(
     runs: Ints, starts: Ints, places: Any, stencil: Floats, factors: Floats, matrix: Any
 ) -> None:
-    """Add sum_r factors[r] (stencil . u[runs[r]])^2 to a ``matrix`` (indptr, indices, data) in CSR format.
+    """Add the quadratic form sum_r factors[r] (stencil . u[runs[r]])^2 to a CSR ``matrix`` (indptr, indices, data).
 
-    ``stencil`` (k,) are the coefficients of a difference and ``runs`` (r, k) sequences of unknowns. ``starts`` (n + 1,)
-    and ``places`` are the inverse index of ``runs.ravel()``, by which the matrix is filled row by row.
+    ``data`` is changed in place; the pattern must couple all unknowns of each run. ``stencil`` (k,) are the
+    coefficients of a difference, ``runs`` (r, k) sequences of unknowns, ``factors`` (r,). ``starts`` (n + 1,) and
+    ``places`` (r k,) are the inverse index of ``runs.ravel()``, by which the matrix is filled row by row.
     """
     indptr, indices, data = matrix
     k = len(stencil)
