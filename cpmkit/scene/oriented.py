@@ -97,8 +97,8 @@ class OrientedBoundary:
     def signed_distance(self, points: Floats, step: float) -> Floats:
         """Return (z - y) . v (n,) for ``points`` z (n, d) of the manifold, positive on the left.
 
-        y is the closest point on the boundary, projected to the manifold, v the unit conormal to the left (King et al.
-        2024, eq. 11), ``step`` the length of finite differences. NaN beyond an open end, or if there is no left side.
+        y is the closest point on the boundary, projected to the manifold, v the unit conormal to the left; ``step`` is
+        the length of finite differences. King et al. (2024), eq. 11. NaN beyond an open end, or without a left side.
         """
         if not self.has_left:
             return np.full(len(points), np.nan)
