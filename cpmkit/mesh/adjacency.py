@@ -88,7 +88,7 @@ class Rim:
     rows: Ints  #: (r,): numbers of these edges or vertices, ascending.
     outward: Floats  #: (r, d): vectors tangent to the cell, pointing out of it, as long as the edge there.
 
-    def among(self, chosen: Ints) -> Rim:
+    def subset(self, chosen: Ints) -> Rim:
         """Return the rim among the distinct edges or vertices ``chosen`` (n,); its rows are positions in ``chosen``."""
         at = np.searchsorted(self.rows, chosen)
         rows = np.flatnonzero(np.append(self.rows, -1)[at] == chosen)

@@ -33,7 +33,7 @@ MOST_SPLITS = 100_000
 
 
 @compiled
-def position(nodes: Floats, curved: bool, r: float, s: float, point: Floats) -> None:
+def evaluate_position(nodes: Floats, curved: bool, r: float, s: float, point: Floats) -> None:
     """Fill ``point`` (3,) with the position at barycentric coordinates (r, s, 1 - r - s) of a triangle.
 
     ``nodes`` (3 or 6, 3): the corners; if ``curved``, then the midpoints of the edges opposite to them.
@@ -51,8 +51,8 @@ def position(nodes: Floats, curved: bool, r: float, s: float, point: Floats) -> 
 
 
 @compiled
-def slopes(nodes: Floats, curved: bool, r: float, s: float, first: Floats, second: Floats) -> None:
-    """Fill ``first`` and ``second`` (3,) with the derivatives of the :func:`position` on a triangle by r and s."""
+def evaluate_tangents(nodes: Floats, curved: bool, r: float, s: float, first: Floats, second: Floats) -> None:
+    """Fill ``first`` and ``second`` (3,) with the derivatives of a position on a triangle by r and s."""
     t = 1.0 - r - s
     for i in range(3):
         if curved:
@@ -70,12 +70,12 @@ def cross_plane(
     """Fill ``corner`` (5,) with the point where the edge of a piece from ``start`` to ``end`` (5,) crosses a plane.
 
     The plane is where coordinate ``axis`` equals ``plane``. Along a curved edge this coordinate is interpolated
-    quadratically between its values at the ends and the middle. ``nodes``, ``curved`` as in :func:`position`.
+    quadratically between its values at the ends and the middle. ``nodes``, ``curved`` as in :func:`evaluate_position`.
     """
     share = (plane - start[2 + axis]) / (end[2 + axis] - start[2 + axis])
     if curved:
         r, s = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
-        position(nodes, curved, r, s, corner[2:])
+        evaluate_position(nodes, curved, r, s, corner[2:])
         bulge = 4 * (corner[2 + axis] - 0.5 * (start[2 + axis] + end[2 + axis]))
         slope = end[2 + axis] - start[2 + axis]
         for _ in range(3):  # steps of Newton's method
@@ -85,7 +85,7 @@ def cross_plane(
                 share = min(max(share + error / derivative, 0.0), 1.0)
     corner[0] = start[0] + share * (end[0] - start[0])
     corner[1] = start[1] + share * (end[1] - start[1])
-    position(nodes, curved, corner[0], corner[1], corner[2:])
+    evaluate_position(nodes, curved, corner[0], corner[1], corner[2:])
     corner[2 + axis] = plane
 
 
@@ -110,7 +110,7 @@ def split_at_plane(
 
     Only the crossing points are corners of both parts; otherwise a piece nearly in the plane would count twice. The
     edges of ``piece`` (count, 5) must cross the plane, where coordinate ``axis`` equals ``plane``, exactly twice, see
-    :func:`crosses_twice`: then both parts of a convex piece are convex. ``nodes``, ``curved`` as in :func:`position`.
+    :func:`crosses_twice`; convex pieces have convex parts then. ``nodes``, ``curved`` as in :func:`evaluate_position`.
     """
     lower = upper = 0
     for k in range(count):
@@ -250,7 +250,7 @@ def triangle_samples(
             for i in range(3):
                 scaled[k, i] = nodes[m, k, i] / spacing
         if not curved:  # one normal for all samples
-            slopes(scaled, curved, 1.0, 0.0, first, second)
+            evaluate_tangents(scaled, curved, 1.0, 0.0, first, second)
             across = unit_normal(first, second, normal)
         sizes[0] = 3
         for k in range(3):
@@ -287,9 +287,9 @@ def triangle_samples(
                 points, weights = np.concatenate((points, points)), np.concatenate((weights, weights))
                 normals, triangle = np.concatenate((normals, normals)), np.concatenate((triangle, triangle))
             for k in range(taken):
-                position(scaled, curved, places[k, 0], places[k, 1], point)
+                evaluate_position(scaled, curved, places[k, 0], places[k, 1], point)
                 if curved:
-                    slopes(scaled, curved, places[k, 0], places[k, 1], first, second)
+                    evaluate_tangents(scaled, curved, places[k, 0], places[k, 1], first, second)
                     across = unit_normal(first, second, normal)
                 weights[used] = area * shares[k] * across * spacing**2
                 for i in range(3):

@@ -59,7 +59,7 @@ def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, In
     return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
 
 
-def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
+def mesh_method(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
     """Return the method of ``surface`` that takes a spacing and returns vertices (v, d) and cells (m, k).
 
     Raises InputError if the surface has no such method.

@@ -182,10 +182,10 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, tuple[Ints, Ints] | 
     pieces = subdivision_kernels.cut_needles(corners, long_sides, parts, edges.ends, 2**levels, divided.first, vertices)
     cells = np.concatenate([np.delete(mesh.cells, needles, axis=0), pieces])
     split = replace(mesh, vertices=vertices, cells=cells)
-    return _with_divided_cut(split, divided, mesh.cut_edges), divided.halvings()
+    return _divide_boundary_facets(split, divided, mesh.cut_edges), divided.halvings()
 
 
-def _with_divided_cut(mesh: Mesh, divided: _DividedEdges, on_cut: Ints) -> Mesh:
+def _divide_boundary_facets(mesh: Mesh, divided: _DividedEdges, on_cut: Ints) -> Mesh:
     """Return the mesh with the facets in ``mesh.cut`` divided; ``on_cut`` (c,) are their edges, -1 if no edge."""
     times = np.where(on_cut >= 0, 2 ** divided.levels[on_cut], 1)
     row, place = expand_counts(times)

@@ -38,27 +38,27 @@ def split_triangles(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats)
         across = middle[of_cells[cell, lead]]
         q, p = middle[of_cells[cell, (lead + 1) % 3]], middle[of_cells[cell, (lead + 2) % 3]]
         if count == 0:
-            at = _put(result, at, a, b, c)
+            at = _write_triangle(result, at, a, b, c)
         elif count == 1:
-            at = _put(result, at, a, b, across)
-            at = _put(result, at, a, across, c)
+            at = _write_triangle(result, at, a, b, across)
+            at = _write_triangle(result, at, a, across, c)
         elif count == 2:
-            at = _put(result, at, a, p, q)
+            at = _write_triangle(result, at, a, p, q)
             from_b = from_c = 0.0
             for k in range(vertices.shape[1]):
                 from_b += (vertices[b, k] - vertices[q, k]) ** 2
                 from_c += (vertices[c, k] - vertices[p, k]) ** 2
             if from_b <= SAME_DIAGONAL * from_c:
-                at = _put(result, at, p, b, q)
-                at = _put(result, at, b, c, q)
+                at = _write_triangle(result, at, p, b, q)
+                at = _write_triangle(result, at, b, c, q)
             else:
-                at = _put(result, at, p, b, c)
-                at = _put(result, at, p, c, q)
+                at = _write_triangle(result, at, p, b, c)
+                at = _write_triangle(result, at, p, c, q)
         else:
-            at = _put(result, at, a, p, q)
-            at = _put(result, at, p, b, across)
-            at = _put(result, at, q, across, c)
-            at = _put(result, at, p, across, q)
+            at = _write_triangle(result, at, a, p, q)
+            at = _write_triangle(result, at, p, b, across)
+            at = _write_triangle(result, at, q, across, c)
+            at = _write_triangle(result, at, p, across, q)
     return result
 
 
@@ -91,7 +91,7 @@ def cut_needles(
                 inside = first[edge] + on - 1
                 chain[side, place] = ends[edge, 0] if on == 0 else ends[edge, 1] if on == divided[edge] else inside
         i = j = 1
-        at = _put(result, at, chain[0, 0], chain[0, 1], chain[1, 1])
+        at = _write_triangle(result, at, chain[0, 0], chain[0, 1], chain[1, 1])
         while i < parts[cell, 0] or j < parts[cell, 1]:
             p, q = chain[0, i], chain[1, j]
             further = j == parts[cell, 1]
@@ -103,15 +103,15 @@ def cut_needles(
                 further = from_q <= SAME_DIAGONAL * from_p
             if further:
                 i += 1
-                at = _put(result, at, p, chain[0, i], q)
+                at = _write_triangle(result, at, p, chain[0, i], q)
             else:
                 j += 1
-                at = _put(result, at, p, chain[1, j], q)
+                at = _write_triangle(result, at, p, chain[1, j], q)
     return result
 
 
 @compiled
-def _put(result: Ints, at: int, a: int, b: int, c: int) -> int:
+def _write_triangle(result: Ints, at: int, a: int, b: int, c: int) -> int:
     """Write the triangle a, b, c to row ``at`` of ``result``, and return the next row."""
     result[at, 0], result[at, 1], result[at, 2] = a, b, c
     return at + 1

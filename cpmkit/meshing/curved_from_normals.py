@@ -108,7 +108,7 @@ def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[Loc
         rows = np.unique(on_cut[(mesh.owner == owner) & ~mesh.beyond_tip])
         if boundary is not None and len(rows):
             across = unit(normals.across[edges.ends[rows]].sum(axis=1))
-            step = _tangential(boundary.closest_point(points[rows]).points - points[rows], across)
+            step = _tangential_components(boundary.closest_point(points[rows]).points - points[rows], across)
             is_close = norms(step) <= CREASED_EDGE_SHARE * mesh.edge_lengths[rows]
             points[rows] += np.where(is_close, 1.0, 0.0)[:, None] * step
     points = untangle_midpoints(mesh, on_cut[~mesh.beyond_tip], points, free, source, lambda x: x)
@@ -152,7 +152,7 @@ def smooth_midpoints(
         at_middles = smooth_normals(source, 0.5 * vertices[ends[flat]].sum(axis=1))
         across[flat], flat[flat] = at_middles.across, at_middles.flat
     a, b = vertices[ends[:, 0]], vertices[ends[:, 1]]
-    start, end = (unit(_tangential(b - a, normals.across[side])) for side in ends.T)
+    start, end = (unit(_tangential_components(b - a, normals.across[side])) for side in ends.T)
     length = norms(b - a)[:, None]
     height = length * (start - end) / 8  # of the middle of Hermite's cubic
     straight = flat | (norms(height) > CREASED_EDGE_SHARE * length[:, 0])
@@ -267,11 +267,11 @@ def _move_onto_boundaries(mesh: Mesh, normals: Floats, boundaries: Sequence[Loca
     for owner, boundary in enumerate(boundaries):
         rows = boundary_vertices(mesh, owner)
         if boundary is not None and len(rows):
-            step = _tangential(boundary.closest_point(vertices[rows]).points - vertices[rows], normals[rows])
+            step = _tangential_components(boundary.closest_point(vertices[rows]).points - vertices[rows], normals[rows])
             vertices[rows] += np.where(norms(step) <= reach[rows], 1.0, 0.0)[:, None] * step
     return fit_vertices_to_normals(mesh.with_same_cells(vertices=vertices), on_cut, normals)
 
 
-def _tangential(vectors: Floats, normals: Floats) -> Floats:
+def _tangential_components(vectors: Floats, normals: Floats) -> Floats:
     """Return the components (n, d) of ``vectors`` perpendicular to unit ``normals`` (n, d)."""
     return vectors - dots(vectors, normals)[:, None] * normals

@@ -50,7 +50,7 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
     manifold; for ``boundaries`` see :func:`curve_cells_by_closest_points`.
     """
     rim = rim_of_vertices(mesh)
-    points = _to_manifold(source, mesh.vertices, rim)
+    points = _project_to_manifold(source, mesh.vertices, rim)
     on_rim = np.zeros(len(points), dtype=bool)
     on_rim[rim.rows] = True
     on_boundaries = [boundary_vertices(mesh, owner) for owner in range(len(boundaries))]
@@ -64,7 +64,7 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
             rows = vertices if turn == 0 else vertices[times[vertices] > 1]
             if boundary is None or not len(rows):
                 continue
-            points[rows] = _to_manifold(source, boundary.closest_point(points[rows]).points, rim.among(rows))
+            points[rows] = _project_to_manifold(source, boundary.closest_point(points[rows]).points, rim.subset(rows))
     too_far = norms(points - before) > reach
     points[too_far] = before[too_far]
     if mesh.manifold_dim == 2:
@@ -90,7 +90,7 @@ def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSou
             rows = np.unique(on_cut[(mesh.owner == owner) & ~mesh.beyond_tip])
             if boundary is not None and len(rows):
                 positions[rows] = boundary.closest_point(straight[rows]).points
-    midpoints = straighten_creased_edges(_to_manifold(source, positions, rim_of_edges(mesh)), straight, length)
+    midpoints = straighten_creased_edges(_project_to_manifold(source, positions, rim_of_edges(mesh)), straight, length)
     if mesh.manifold_dim == 2 and len(mesh.cut):
         on_boundary = on_cut[~mesh.beyond_tip]
         arguments = midpoints, straight, source, lambda x: source.closest_point(x).points
@@ -155,7 +155,7 @@ def straighten_creased_edges(midpoints: Floats, straight: Floats, length: Floats
     return np.where((norms(midpoints - straight) > CREASED_EDGE_SHARE * length)[:, None], straight, midpoints)
 
 
-def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
+def _project_to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
     """Return the closest points (n, d) of ``points`` (n, d); for the rows of ``rim`` they lie on the manifold's rim.
 
     Points at the rim are moved outwards, by up to four edge lengths, until their closest point lies on a rim, if any.

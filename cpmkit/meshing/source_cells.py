@@ -135,7 +135,7 @@ def _cells_of_union(source: LocalSource, length: float, shortest: float | None) 
             return None
         parts.append(cells)
     meshes = [part.mesh for part in parts]
-    if any(_meet(*first, *second) for first, second in combinations(zip(source.members, meshes, strict=True), 2)):
+    if any(_have_common_points(*a, *b) for a, b in combinations(zip(source.members, meshes, strict=True), 2)):
         return None
     geometries = {part.geometry for part in parts}
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
@@ -144,7 +144,7 @@ def _cells_of_union(source: LocalSource, length: float, shortest: float | None) 
     return SourceCells(Mesh.of(vertices, joined), geometries.pop() if len(geometries) == 1 else "closest_point")
 
 
-def _meet(first: LocalSource, first_mesh: Mesh, second: LocalSource, second_mesh: Mesh) -> bool:
+def _have_common_points(first: LocalSource, first_mesh: Mesh, second: LocalSource, second_mesh: Mesh) -> bool:
     """Return whether two members of a union have points in common, by alternating projections from vertices."""
     size = max(box_size(first_mesh.vertices), box_size(second_mesh.vertices))
     x = first_mesh.vertices

@@ -17,7 +17,7 @@ from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import explain_system_error, remove_leftovers, unfinished_name, write_png, written_whole
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.mesh.mixed_cells import mesh_of
+from cpmkit.mesh.mixed_cells import mesh_method
 from cpmkit.runtime.messages import install_command
 from cpmkit.saving.mesh_files import MESH_WRITERS, own_mesh, write_vtp
 from cpmkit.scenefile.look import VERTICES, Look, check_one_of
@@ -123,7 +123,7 @@ def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "d
     if suffix in MESH_WRITERS and vertices == "own":
         given_mesh_of(surface)
     else:
-        mesh_of(surface)
+        mesh_method(surface)
     if suffix == ".ply" and surface.manifold_dim == 1:
         raise InputError(
             f"{path.name!r} would hold a curve, and PLY files hold no lines; accepted are .vtp, .obj, .csv, .npz."

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from cpmkit.errors import CpmkitError, InputError
 from cpmkit.files.whole_files import check_place, explain_system_error
 from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.mesh.mixed_cells import mesh_of
+from cpmkit.mesh.mixed_cells import mesh_method
 from cpmkit.saving.export import FILMS, PAGE, check_file, draw_frames, frames_folder, save, write_summary
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.scene.compound_equations import Eigen
@@ -68,7 +68,7 @@ def check_request(
         check_picture(target.file, target)
         if channels is not None:
             check_channels(target, channels, surface.dim)
-        mesh_of(surface)
+        mesh_method(surface)
     for file in (*request.files, *([] if target is None else [target.file])):
         check_links((folder / file).parent, folder, f"the folder of {file!r}")
         check_place(folder / file)

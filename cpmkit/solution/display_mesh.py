@@ -17,7 +17,7 @@ from cpmkit.errors import InputError
 from cpmkit.manifold.abilities import HasGivenMesh, HasNormals
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.vector_algebra import unit
-from cpmkit.mesh.mixed_cells import CutCells, cut_by_distance, mesh_of, refine_mixed_cells, with_corners
+from cpmkit.mesh.mixed_cells import CutCells, cut_by_distance, mesh_method, refine_mixed_cells, with_corners
 from cpmkit.mesh.normals_of_mesh import vertex_normals
 from cpmkit.types import Floats, Ints, Side
 
@@ -80,7 +80,7 @@ def display_mesh(solution: SolutionRecord) -> DisplayMesh:
     Raises InputError if the surface has no mesh.
     """
     surface = solution.scene.surface
-    points, cells = mesh_of(surface)(solution.spacing)
+    points, cells = mesh_method(surface)(solution.spacing)
     normals = _normals(surface, points, cells)
     attributes = points if normals is None else np.hstack([points, normals])
     dim, boundaries = points.shape[1], solution.scene.boundaries

@@ -21,7 +21,7 @@ from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.adjacency import rim_of_edges, rim_of_vertices
 from cpmkit.mesh.cell_quadrature import OUTWARD_EDGE_SHARE, edge_midpoints_on, limit_midpoint_shift, quadratic_rule
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions, mesh_of, refine_mixed_cells, with_corners
+from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions, mesh_method, refine_mixed_cells, with_corners
 from cpmkit.scene.boundary import boundary_number
 from cpmkit.scene.data import evaluate_data
 from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS, evaluate_on_sides, moved_onto_boundaries
@@ -170,7 +170,7 @@ def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> t
     The mesh is that for ``spacing``; ``loop`` None is the whole edge. An end of a curve has weight 1. Raises InputError
     if the surface has no mesh or no such edge, or is a solid in space.
     """
-    points, cells = mesh_of(surface)(spacing)
+    points, cells = mesh_method(surface)(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
     if surface.dim == 3 and surface.manifold_dim == 3:
         raise InputError("The flux through the surface of a solid in space is not offered; compute that of a boundary.")

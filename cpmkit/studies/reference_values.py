@@ -26,7 +26,7 @@ from cpmkit.linear.solver_options import SolverOptions, choose_solver, make_solv
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells
+from cpmkit.mesh.mixed_cells import mesh_method, refine_mixed_cells
 from cpmkit.runtime.messages import collected_warnings
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
@@ -104,7 +104,7 @@ def refined_mesh(surface: ClosestPointSource) -> ClosestPointSource:
     The mesh's own vertices come first. New vertices are closest points: if the surface is itself a mesh, they lie on
     its flat triangles, whose distance from a smooth surface remains. Raises InputError if there is no mesh.
     """
-    make_mesh = mesh_of(surface)
+    make_mesh = mesh_method(surface)
 
     def mesh(self: Any, spacing: float) -> tuple[Floats, Ints]:
         """Return vertices (v, d) and cells (m, k) of the mesh, with edges no longer than ``spacing``."""

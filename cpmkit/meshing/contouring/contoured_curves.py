@@ -65,11 +65,11 @@ def _trace_on(source: LocalSource, spacing: float, step: float, shift: float) ->
     for _, level in cell_levels(source, spacing, shift):
         cells = level
     points = source.closest_point(np.asarray((cells - shift + 0.5) * spacing)).points
-    graph = _without_small_pieces(trace_curve(source, points, step), 0.5 * spacing)
+    graph = _remove_small_pieces(trace_curve(source, points, step), 0.5 * spacing)
     return (graph, trace_defects(graph, points, spacing, source.noise)) if len(graph.segments) else None
 
 
-def _without_small_pieces(graph: CurveGraph, size: float) -> CurveGraph:
+def _remove_small_pieces(graph: CurveGraph, size: float) -> CurveGraph:
     """Return the graph without connected pieces whose bounding boxes have no side of at least ``size``."""
     count, piece = connected_components(len(graph.vertices), graph.segments)
     low, high = np.full((count, graph.vertices.shape[1]), np.inf), np.full((count, graph.vertices.shape[1]), -np.inf)

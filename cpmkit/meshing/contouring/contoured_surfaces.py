@@ -60,20 +60,20 @@ def contour_surface(source: LocalSource, spacing: float) -> tuple[Mesh, SurfaceR
     ``source``: a surface (m = 2) in space. Neither its normals nor its orientation are used.
     ``spacing``: spacing h of the form's lattice.
     """
-    best = _contour_on(source, spacing, *LATTICES[0])
+    best = _contour_from_lattice(source, spacing, *LATTICES[0])
     others = list(LATTICES[1:])
     if best[1].nonmanifold_share > MAX_NONMANIFOLD_SHARE:
-        finest = _contour_on(source, spacing, *others.pop())
+        finest = _contour_from_lattice(source, spacing, *others.pop())
         best = finest if finest[1].severity <= best[1].severity else best
     for lattice in others:
         if not best[1].severity:
             break
-        attempt = _contour_on(source, spacing, *lattice)
+        attempt = _contour_from_lattice(source, spacing, *lattice)
         best = attempt if attempt[1].severity < best[1].severity else best
     return best
 
 
-def _contour_on(
+def _contour_from_lattice(
     source: LocalSource, spacing: float, relative_spacing: float, offsets: tuple[float, ...]
 ) -> tuple[Mesh, SurfaceReport]:
     """Return the repaired triangulation from one lattice, and its report.

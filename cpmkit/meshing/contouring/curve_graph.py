@@ -30,14 +30,14 @@ def trace_curve(source: LocalSource, seeds: Floats, step: float) -> CurveGraph:
     """Return the graph of the pieces of a curve through ``seeds`` (n, d), points of it, traced by equal steps."""
     tracer = CurveTracer.of(source, step)
     tracer.trace_all(seeds)
-    graph = _assemble(tracer)
+    graph = _graph_of_trace(tracer)
     if not len(graph.segments):
         return graph
     graph = split_at_vertices(source, add_self_crossings(source, graph, step), 0.05 * step)
     return add_corners(source, _refine_junctions(source, graph, step), step)
 
 
-def _assemble(tracer: CurveTracer) -> CurveGraph:
+def _graph_of_trace(tracer: CurveTracer) -> CurveGraph:
     """Return the graph that a tracer made; a segment to a corner after which the trace met its own points is prolonged.
 
     It ends at a point straight ahead instead, so that it crosses the other part; ``ends`` are these points.
@@ -126,7 +126,7 @@ def add_corners(source: LocalSource, graph: CurveGraph, step: float) -> CurveGra
 def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
     """Return the graph with a common vertex where two segments cross that are not linked, see :func:`_are_linked`.
 
-    The prolonged parts of :func:`_assemble` are left out; ``ends`` become the loose ends at which the curve ends.
+    The prolonged parts of :func:`_graph_of_trace` are left out; ``ends`` become the loose ends at which the curve ends.
     ``step`` is the step of the trace, to which tolerances refer.
     """
     i, j, points = _self_crossings(source, graph, step)

@@ -88,7 +88,7 @@ class CurveTracer:
         for _ in range(100_000):  # a limit
             if not len(ends.last):
                 break
-            ends = self._advance(self._look_ahead(ends))
+            ends = self._advance(self._choose_targets(ends))
 
     def _advance(self, ends: OpenEnds) -> OpenEnds:
         """Step open ends to their targets, or to points met there; record points, and return the ends that go on."""
@@ -174,7 +174,7 @@ class CurveTracer:
                 partner[second] = first
         return partner
 
-    def _look_ahead(self, ends: OpenEnds) -> OpenEnds:
+    def _choose_targets(self, ends: OpenEnds) -> OpenEnds:
         """Return the ends that go on, with new targets; corners and ends of the curve are recorded in the fields."""
         here, heading, last = self.points[ends.last], ends.heading, ends.last.copy()
         target = self.source.closest_point(here + self.step * heading).points

@@ -59,8 +59,8 @@ class ConstrainedTriangulation:
         size = float(net.sizes[root])
         farthest = max(SNAP_SHARE, MOVABLE_SNAP_SHARE, RIM_SNAP_SHARE) * size
         for a, b in self._candidate_edges(root, cell):
-            share = nearest_share_on_segment(place, net.at(a), net.at(b))
-            gap = distance(place, interpolate(net.at(a), net.at(b), share))
+            share = nearest_share_on_segment(place, net.position(a), net.position(b))
+            gap = distance(place, interpolate(net.position(a), net.position(b), share))
             if gap < farthest:
                 edge = self.edges.get(edge_key(a, b))
                 snap_share = RIM_SNAP_SHARE if net.is_rim_edge(a, b) else self._free_snap_share
@@ -77,9 +77,9 @@ class ConstrainedTriangulation:
         """Return the least distance of ``place``, in a triangle's plane, from its edges, negative outside it."""
         net = self.triangulation
         normal, depths = net.normal(cell), []
-        for a, b in _edges(net.corners(cell)):
-            way = subtract(net.at(b), net.at(a))
-            depths.append(dot(normal, cross(way, subtract(place, net.at(a)))) / (norm(way) or 1.0))
+        for a, b in _edges_of_triangle(net.corners(cell)):
+            way = subtract(net.position(b), net.position(a))
+            depths.append(dot(normal, cross(way, subtract(place, net.position(a)))) / (norm(way) or 1.0))
         return min(depths)
 
     def insert_on_boundary(self, root: int, place: Vector, owner: int) -> int | None:
@@ -92,8 +92,8 @@ class ConstrainedTriangulation:
         for a, b in self.edges_within([self._part_with(root, place)], place, 0.1 * size):
             edge = self.edges.get(edge_key(a, b))
             if edge is not None and edge.owner == owner:
-                share = nearest_share_on_segment(place, net.at(a), net.at(b))
-                gaps[distance(place, interpolate(net.at(a), net.at(b), share))] = (a, b, share)
+                share = nearest_share_on_segment(place, net.position(a), net.position(b))
+                gaps[distance(place, interpolate(net.position(a), net.position(b), share))] = (a, b, share)
         return self.insert_on_edge(*gaps[min(gaps)], size) if gaps else None
 
     def _candidate_edges(self, root: int, cell: int) -> list[Edge]:
@@ -102,9 +102,9 @@ class ConstrainedTriangulation:
         Edges on boundaries and rims in the whole original triangle ``root`` come first, then the edges of ``cell``.
         """
         net, at_rim = self.triangulation, root in self.triangulation.roots_on_rim
-        edges = [edge for part in net.parts(root) for edge in _edges(net.corners(part))]
+        edges = [edge for part in net.parts(root) for edge in _edges_of_triangle(net.corners(part))]
         fixed = [edge for edge in edges if edge_key(*edge) in self.edges or (at_rim and net.is_rim_edge(*edge))]
-        return fixed + _edges(net.corners(cell))
+        return fixed + _edges_of_triangle(net.corners(cell))
 
     @property
     def _free_snap_share(self) -> float:
@@ -119,7 +119,7 @@ class ConstrainedTriangulation:
         ``size`` is the local edge length L. A new vertex splits the edge, and the boundary edge on it.
         """
         net = self.triangulation
-        length = distance(net.at(a), net.at(b))
+        length = distance(net.position(a), net.position(b))
         to_a, to_b = share * length, (1 - share) * length
         others = (self.owners_at.get(vertex, {self.owner}) for vertex in (a, b))
         snap_a, snap_b = (size * (self._free_snap_share if self.owner in at else OTHER_SNAP_SHARE) for at in others)
@@ -131,10 +131,10 @@ class ConstrainedTriangulation:
             return a
         new, edge = net.split_edge(a, b, share), self.edges.pop(edge_key(a, b), None)
         if edge is not None:
-            self.constrain([edge.tail, new, edge.head], edge.owner, edge.beyond_tip)
+            self.constrain_path([edge.tail, new, edge.head], edge.owner, edge.beyond_tip)
         return new
 
-    def constrain(self, path: list[int], owner: int, beyond_tip: bool = False) -> None:
+    def constrain_path(self, path: list[int], owner: int, beyond_tip: bool = False) -> None:
         """Put the edges of a path on boundary ``owner``; edges that lie on a boundary already stay with it."""
         for a, b in pairwise(path):
             self.edges.setdefault(edge_key(a, b), BoundaryEdge(a, b, owner, beyond_tip))
@@ -146,8 +146,9 @@ class ConstrainedTriangulation:
         net = self.triangulation
         waiting, seen, edges = list(cells), set(cells), set[Edge]()
         while waiting:
-            for p, q in _edges(net.corners(waiting.pop())):
-                nearest_point = interpolate(net.at(p), net.at(q), nearest_share_on_segment(place, net.at(p), net.at(q)))
+            for p, q in _edges_of_triangle(net.corners(waiting.pop())):
+                start, end = net.position(p), net.position(q)
+                nearest_point = interpolate(start, end, nearest_share_on_segment(place, start, end))
                 if distance(place, nearest_point) < reach and edge_key(p, q) not in edges:
                     edges.add(edge_key(p, q))
                     fresh = set(net.cells_of_edge(p, q)) - seen
@@ -156,7 +157,7 @@ class ConstrainedTriangulation:
         return edges
 
 
-def _edges(corners: tuple[int, int, int]) -> list[Edge]:
+def _edges_of_triangle(corners: tuple[int, int, int]) -> list[Edge]:
     """Return the three edges of a triangle, in its orientation."""
     a, b, c = corners
     return [(a, b), (b, c), (c, a)]

@@ -50,7 +50,7 @@ def extend_tips(finder: PathFinder, reach: float, counts: Counter[str]) -> None:
         if edge is not None:
             finder.constrained.owner = edge.owner
             path = _straight_path(finder, tip, _tip_direction(finder, links, tip), reach)
-            finder.constrained.constrain(path if edge.head == tip else path[::-1], edge.owner, beyond_tip=True)
+            finder.constrained.constrain_path(path if edge.head == tip else path[::-1], edge.owner, beyond_tip=True)
 
 
 def _boundary_links(finder: PathFinder) -> Links:
@@ -84,7 +84,7 @@ def _tail(finder: PathFinder, links: Links, tip: int, limit: float) -> tuple[int
         ahead = [other for other in links[path[-1]] if len(path) < 2 or other != path[-2]]
         if len(path) > 1 and len(ahead) != 1:
             return path[-1], path
-        left -= distance(finder.triangulation.at(path[-1]), finder.triangulation.at(ahead[0]))
+        left -= distance(finder.triangulation.position(path[-1]), finder.triangulation.position(ahead[0]))
         path.append(ahead[0])
         if left < 0:
             return None, path
@@ -92,14 +92,14 @@ def _tail(finder: PathFinder, links: Links, tip: int, limit: float) -> tuple[int
 
 def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
     """Join a tip to the nearest curve or rim within reach by new boundary edges; return whether it was joined."""
-    net, constrained, here = finder.triangulation, finder.constrained, finder.triangulation.at(tip)
+    net, constrained, here = finder.triangulation, finder.constrained, finder.triangulation.position(tip)
     reach = STRAY_SHARE * net.size(tip)
     own_end = set(_tail(finder, links, tip, 3.0 * reach)[1])  # a tip is not joined to its own curve that near to it
     best, nearest = None, reach
     for a, b in constrained.edges_within(net.fan(tip), here, reach):
         if not own_end & {a, b} and (edge_key(a, b) in constrained.edges or net.is_rim_edge(a, b)):
-            share = nearest_share_on_segment(here, net.at(a), net.at(b))
-            gap = distance(here, interpolate(net.at(a), net.at(b), share))
+            share = nearest_share_on_segment(here, net.position(a), net.position(b))
+            gap = distance(here, interpolate(net.position(a), net.position(b), share))
             if gap < nearest:
                 best, nearest = (a, b, share), gap
     edge = _last_edge(finder, tip)
@@ -109,7 +109,7 @@ def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
     path = finder.path(tip, constrained.insert_on_edge(*best, net.size(tip)))
     if path is None:
         return False
-    constrained.constrain(path if edge.head == tip else path[::-1], edge.owner)
+    constrained.constrain_path(path if edge.head == tip else path[::-1], edge.owner)
     return True
 
 
@@ -120,7 +120,7 @@ def _tip_direction(finder: PathFinder, links: Links, tip: int) -> Vector:
     """
     net, reach = finder.triangulation, finder.triangulation.size(tip)
     _, path = _tail(finder, links, tip, reach)
-    points = np.array([net.at(vertex) for vertex in path])
+    points = np.array([net.position(vertex) for vertex in path])
     lengths = np.append(0.0, np.cumsum(norms(np.diff(points, axis=0))))
     reach = min(reach, float(lengths[-1]))
     middle, end = (np.array([np.interp(share * reach, lengths, axis) for axis in points.T]) for share in (0.5, 1.0))
@@ -140,12 +140,12 @@ def _straight_path(finder: PathFinder, tip: int, heading: Vector, reach: float) 
         if fan_exit is None:
             return path
         _, a, b, share = fan_exit
-        goal = interpolate(net.at(a), net.at(b), share)
-        heading = subtract(goal, net.at(here))
+        goal = interpolate(net.position(a), net.position(b), share)
+        heading = subtract(goal, net.position(here))
         step = norm(heading)
         if step > left:
             root = net.root(next(cell for cell in net.cells_of_edge(a, b) if here in net.corners(cell)))
-            last = constrained.insert_point(root, interpolate(net.at(here), goal, left / step))
+            last = constrained.insert_point(root, interpolate(net.position(here), goal, left / step))
             return path + (finder.path(here, last) or [here])[1:]
         following = constrained.insert_on_edge(a, b, share, net.size(here))
         if following in path:

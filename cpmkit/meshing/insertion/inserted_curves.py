@@ -200,7 +200,7 @@ def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[st
         farthest = max(farthest, float(matched.distance[run.point[run.point >= 0]].max(initial=0.0)))
         for path in _paths_through(finder, waypoints, closed, counts):
             simple = erase_short_loops(net, net.refine_path(path), backward)
-            finder.constrained.constrain(simple, finder.constrained.owner)
+            finder.constrained.constrain_path(simple, finder.constrained.owner)
     return farthest
 
 
@@ -230,7 +230,7 @@ def _insert_waypoints(finder: PathFinder, run: Projections, closed: bool, line: 
             vertex = _insert_point(finder, cell, (x, y, z), owner, is_end)
         else:
             offset = subtract(place, partner.place)
-            vertex = finder.insert_projection(add_scaled(finder.triangulation.at(partner.vertex), 1.0, offset))
+            vertex = finder.insert_projection(add_scaled(finder.triangulation.position(partner.vertex), 1.0, offset))
         finder.inserted[line.number, int(point)] = InsertedPoint(vertex, place)
         waypoints.append(Waypoint(vertex, owner, -1 if partner is None else partner.vertex))
     return waypoints

@@ -195,7 +195,7 @@ def align_close_curves(
     for late, early in pairs:
         aligned[early] = _add_fixed_points(aligned[early], aligned[late], spacing)
     for late, early in pairs:
-        aligned[late] = _follow(aligned[late], aligned[early], early, spacing)
+        aligned[late] = _align_with_earlier(aligned[late], aligned[early], early, spacing)
     return aligned
 
 
@@ -212,7 +212,7 @@ def _add_fixed_points(early: SimplifiedCurve, late: SimplifiedCurve, spacing: fl
     )
 
 
-def _follow(late: SimplifiedCurve, early: SimplifiedCurve, number: int, spacing: float) -> SimplifiedCurve:
+def _align_with_earlier(late: SimplifiedCurve, early: SimplifiedCurve, number: int, spacing: float) -> SimplifiedCurve:
     """Return the later curve with its points near the earlier curve replaced by closest points of that curve's points.
 
     Ends and corners stay. ``number`` is that of the earlier curve, for ``partners``.

@@ -108,7 +108,7 @@ class SplitTriangulation:
         starts, places = inverse_index(self.original.cells.ravel(), len(self.original.vertices))
         return starts, places // 3
 
-    def at(self, vertex: int) -> Vector:
+    def position(self, vertex: int) -> Vector:
         """Return the position of a vertex."""
         place = self._points.get(vertex)
         if place is None:
@@ -157,7 +157,7 @@ class SplitTriangulation:
         root = self.root(cell)
         normal = self._normals.get(root)
         if normal is None:
-            a, b, c = (self.at(corner) for corner in self.original.cells[root].tolist())
+            a, b, c = (self.position(corner) for corner in self.original.cells[root].tolist())
             normal = self._normals[root] = normalize(cross(subtract(b, a), subtract(c, a)))
         return normal
 
@@ -200,7 +200,7 @@ class SplitTriangulation:
 
     def split_edge(self, a: int, b: int, share: float) -> int:
         """Split an edge and all its triangles at ``share`` of the way from a to b, and return the new vertex."""
-        new = self._new_vertex(interpolate(self.at(a), self.at(b), share))
+        new = self._new_vertex(interpolate(self.position(a), self.position(b), share))
         self.midvertices[edge_key(a, b)] = new
         for cell in self.cells_of_edge(a, b):
             corners = self.corners(cell)
@@ -289,9 +289,9 @@ class SplitTriangulation:
             done[vertex] = length, before
             if vertex == goal:
                 break
-            here = self.at(vertex)
+            here = self.position(vertex)
             for other in neighbours(vertex):
-                if other not in done and (reached := length + distance(here, self.at(other))) <= limit:
+                if other not in done and (reached := length + distance(here, self.position(other))) <= limit:
                     heappush(heap, (reached, other, vertex))
         return done
 

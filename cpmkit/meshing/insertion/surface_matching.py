@@ -214,11 +214,11 @@ def _step_costs(
     chord = float(np.linalg.norm(points[candidates.point[far[0]]] - points[candidates.point[row]]))
     free, most = 1.5 * (chord + size), 6.0 * size
     here = position_on(triangulation, int(candidates.cell[row]), candidates.shares[row])
-    lengths = triangulation.shortest_paths({v: distance(here, triangulation.at(v)) for v in corners}, free + most)
+    lengths = triangulation.shortest_paths({v: distance(here, triangulation.position(v)) for v in corners}, free + most)
     for b in far:
         place = position_on(triangulation, int(candidates.cell[b]), candidates.shares[b])
         cell = triangulation.original.cells[candidates.cell[b]].tolist()
-        length = min(lengths.get(v, (np.inf, v))[0] + distance(place, triangulation.at(v)) for v in cell)
+        length = min(lengths.get(v, (np.inf, v))[0] + distance(place, triangulation.position(v)) for v in cell)
         costs[b] = min(max(0.0, length - free), most)
     return costs
 
@@ -294,10 +294,10 @@ def trace_polylines(source: LocalSource, search: TriangleSearch, spacing: float)
     winding = Mesh.of(graph.vertices, graph.segments).winding
     segments = np.where((winding < 0)[:, None], graph.segments[:, ::-1], graph.segments)
     lines = chain_segments(graph.vertices, segments)
-    return [refine_polyline(source, _along_tangents(source, line), size) for line in lines]
+    return [refine_polyline(source, _orient_by_tangents(source, line), size) for line in lines]
 
 
-def _along_tangents(source: LocalSource, line: Polyline) -> Polyline:
+def _orient_by_tangents(source: LocalSource, line: Polyline) -> Polyline:
     """Return ``line``, or its reverse if the curve's tangents have the opposite direction in its middle."""
     middle = len(line.points) // 2
     if source.has_tangents:

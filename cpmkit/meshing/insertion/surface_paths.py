@@ -66,12 +66,11 @@ class PathFinder:
         its middle, else in the plane of the normal at v or at w; triangles that it crosses are split. Failing these it
         is the shortest path over existing edges.
         """
-        path = self._bisected_path(v, w, 4)
+        path, net = self._bisected_path(v, w, 4), self.triangulation
         if path is None:
-            net = self.triangulation
             path = self._planar_path(v, w, net.vertex_normal(v)) or self._planar_path(v, w, net.vertex_normal(w))
-        longest = 6.0 * distance(self.triangulation.at(v), self.triangulation.at(w)) + 12.0 * self.triangulation.size(v)
-        return path or self.triangulation.shortest_path(v, w, longest)
+        longest = 6.0 * distance(net.position(v), net.position(w)) + 12.0 * net.size(v)
+        return path or net.shortest_path(v, w, longest)
 
     def _bisected_path(self, v: int, w: int, bisections: int) -> list[int] | None:
         """Return the path in the plane of the mean normal, else two paths that meet at the projection of the middle.
@@ -85,7 +84,7 @@ class PathFinder:
         path = self._planar_path(v, w, normalize(add_scaled(n, 1.0 if dot(n, other) >= 0 else -1.0, other)))
         if path is not None or not bisections:
             return path
-        middle = self.insert_projection(interpolate(net.at(v), net.at(w), 0.5))
+        middle = self.insert_projection(interpolate(net.position(v), net.position(w), 0.5))
         if middle in (v, w):
             return None
         first = self._bisected_path(v, middle, bisections - 1)
@@ -100,28 +99,28 @@ class PathFinder:
 
     def _planar_path(self, v: int, w: int, normal: Vector) -> list[int] | None:
         """Return the path from v to w in planes of ``normal`` and the direction to w; None if too long or cut off."""
-        net, goal = self.triangulation, self.triangulation.at(w)
-        left = self._longest(v, w)
+        net, goal = self.triangulation, self.triangulation.position(w)
+        left = self._detour_length(v, w)
         path = [v]
         while path[-1] != w:
             here = path[-1]
             if net.cells_of_edge(here, w):
                 path.append(w)
                 break
-            fan_exit = self.leave_fan(here, subtract(goal, net.at(here)), normal)
+            fan_exit = self.leave_fan(here, subtract(goal, net.position(here)), normal)
             if fan_exit is None:
                 return None
             following = self._vertex_at(here, fan_exit, w)
-            left -= distance(net.at(here), net.at(following))
+            left -= distance(net.position(here), net.position(following))
             if left < 0 or following in path:
                 return None
             path.append(following)
         return path
 
-    def _longest(self, v: int, w: int) -> float:
+    def _detour_length(self, v: int, w: int) -> float:
         """Return the length above which a path from v to w is rejected as a detour."""
         net = self.triangulation
-        return 1.6 * distance(net.at(v), net.at(w)) + 0.5 * net.size(v)
+        return 1.6 * distance(net.position(v), net.position(w)) + 0.5 * net.size(v)
 
     def _vertex_at(self, here: int, fan_exit: FanExit, goal: int) -> int:
         """Return the vertex at which a path from ``here`` to ``goal`` leaves the triangles around ``here``.
@@ -147,15 +146,15 @@ class PathFinder:
 
         Of several exits it is the one farthest ahead; None if there is none ahead.
         """
-        net, here, across = self.triangulation, self.triangulation.at(vertex), cross(normal, heading)
+        net, here, across = self.triangulation, self.triangulation.position(vertex), cross(normal, heading)
         best: FanExit | None = None
         for cell in net.fan(vertex):
             a, b = (corner for corner in net.corners(cell) if corner != vertex)
-            side_a, side_b = dot(across, subtract(net.at(a), here)), dot(across, subtract(net.at(b), here))
+            side_a, side_b = dot(across, subtract(net.position(a), here)), dot(across, subtract(net.position(b), here))
             if side_a * side_b > 0 or side_a == side_b:
                 continue
             share = side_a / (side_a - side_b)
-            way = subtract(interpolate(net.at(a), net.at(b), share), here)
+            way = subtract(interpolate(net.position(a), net.position(b), share), here)
             ahead = dot(way, heading) / (norm(way) or 1.0)
             if ahead > 0 and (best is None or ahead > best.ahead):
                 best = FanExit(ahead, a, b, share)
@@ -164,7 +163,7 @@ class PathFinder:
     def path_along_boundaries(self, v: int, w: int, owners: Set[int]) -> list[int] | None:
         """Return the vertices of the shortest path from v to w along edges of boundaries; None if it is a long detour.
 
-        ``owners`` are the numbers of the boundaries. The path includes v and w; for long, see :meth:`_longest`.
+        ``owners`` are the numbers of the boundaries. The path includes v and w; for long, see :meth:`_detour_length`.
         """
 
         def neighbours(vertex: int) -> list[int]:
@@ -173,7 +172,7 @@ class PathFinder:
             lines = ((other, edges.get(edge_key(vertex, other))) for other in self.triangulation.neighbours(vertex))
             return [other for other, line in lines if line is not None and line.owner in owners]
 
-        return self.triangulation.shortest_path(v, w, self._longest(v, w), neighbours)
+        return self.triangulation.shortest_path(v, w, self._detour_length(v, w), neighbours)
 
     def path_beside_boundary(self, start: tuple[int, int], goal: tuple[int, int]) -> list[int] | None:
         """Return a path between two vertices that runs parallel to a boundary; None if it would be a long detour.
@@ -185,11 +184,11 @@ class PathFinder:
         line = self.path_along_boundaries(at, to, owners.get(at, set()) & owners.get(to, set()))
         if line is None:
             return None
-        lengths = np.cumsum([0.0] + [distance(net.at(a), net.at(b)) for a, b in pairwise(line)])
-        first, last = subtract(net.at(v), net.at(at)), subtract(net.at(w), net.at(to))
+        lengths = np.cumsum([0.0] + [distance(net.position(a), net.position(b)) for a, b in pairwise(line)])
+        first, last = subtract(net.position(v), net.position(at)), subtract(net.position(w), net.position(to))
         path = [v]
         for vertex, share in zip(line[1:-1], (lengths[1:-1] / (lengths[-1] or 1.0)).tolist(), strict=True):
-            place = add_scaled(net.at(vertex), 1.0, interpolate(first, last, share))
+            place = add_scaled(net.position(vertex), 1.0, interpolate(first, last, share))
             part = self.path(path[-1], self.insert_projection(place))
             if part is None:
                 return None
@@ -221,7 +220,7 @@ def _without_loops(triangulation: SplitTriangulation, path: list[int], backward:
     for vertex in path[1:]:
         if vertex == simple[-1]:
             continue
-        length = lengths[-1] + distance(triangulation.at(simple[-1]), triangulation.at(vertex))
+        length = lengths[-1] + distance(triangulation.position(simple[-1]), triangulation.position(vertex))
         before = place.get(vertex)
         # From twice the local edge length on a loop is a part of the curve, from four times where projections go back.
         factor = 2.0 if before is None or backward.isdisjoint(simple[before:]) else 4.0
