@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.plugin import Floats, Ints
-from cpmkit_analytic.directions import unit_or
+from cpmkit_analytic.directions import normalize_or_default
 from cpmkit_analytic.revolution import intervals
-from cpmkit_analytic.shapes import Feet, inside
+from cpmkit_analytic.shapes import Feet, no_edge_entries
 
 FULL_TURN = 2 * np.pi
 
@@ -23,7 +23,7 @@ class Point:
 
     def feet(self, q: Floats) -> Feet:
         """Return the origin as the closest point of each of ``q`` (n, d)."""
-        return Feet(np.zeros_like(q), inside(q))
+        return Feet(np.zeros_like(q), no_edge_entries(q))
 
     def support(self, u: Floats) -> Floats:
         """Return zero: a point has no extent."""
@@ -84,9 +84,9 @@ class Circle:
 
     def feet(self, q: Floats) -> Feet:
         """Return the direction from the centre, scaled to the radius; from the axis, the angle 0."""
-        direction = unit_or(q[:, :2], (1.0, 0.0))
+        direction = normalize_or_default(q[:, :2], (1.0, 0.0))
         angle = np.arctan2(direction[:, 1], direction[:, 0])
-        return Feet(_in_plane(self.radius * direction, self.dim), inside(q), angle[:, None])
+        return Feet(_embed_plane_points(self.radius * direction, self.dim), no_edge_entries(q), angle[:, None])
 
     def support(self, u: Floats) -> Floats:
         """Return u . p at the foot of u: on a circle about the origin the nearest reaches farthest."""
@@ -95,8 +95,8 @@ class Circle:
 
     def tangents(self, p: Floats) -> Floats:
         """Return the counterclockwise direction."""
-        outward = unit_or(p[:, :2], (1.0, 0.0))
-        return _in_plane(np.stack([-outward[:, 1], outward[:, 0]], axis=1), self.dim)
+        outward = normalize_or_default(p[:, :2], (1.0, 0.0))
+        return _embed_plane_points(np.stack([-outward[:, 1], outward[:, 0]], axis=1), self.dim)
 
     def normals(self, p: Floats) -> Floats:
         """Return the outward normal in the plane."""
@@ -112,7 +112,7 @@ class Circle:
         return replace(self, radius=factor * self.radius)
 
     def _at(self, angle: Floats) -> Floats:
-        return _in_plane(self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), self.dim)
+        return _embed_plane_points(self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), self.dim)
 
 
 @dataclass(frozen=True)
@@ -128,13 +128,13 @@ class Arc(Circle):
         From the axis every point of the arc is equally near: the middle is taken.
         """
         middle = self.start + 0.5 * self.sweep
-        direction = unit_or(q[:, :2], (float(np.cos(middle)), float(np.sin(middle))))
+        direction = normalize_or_default(q[:, :2], (float(np.cos(middle)), float(np.sin(middle))))
         past_start = np.mod(np.arctan2(direction[:, 1], direction[:, 0]) - self.start, FULL_TURN)
         nearer_end = np.where(past_start - self.sweep <= FULL_TURN - past_start, self.sweep, 0.0)
         covered = past_start <= self.sweep
         past_start = np.where(covered, past_start, nearer_end)
         angle = self.start + past_start
-        points = np.where(covered[:, None], _in_plane(self.radius * direction, self.dim), self._at(angle))
+        points = np.where(covered[:, None], _embed_plane_points(self.radius * direction, self.dim), self._at(angle))
         edge = np.where(past_start <= 0, 0, np.where(past_start >= self.sweep, 1, -1))
         return Feet(points, edge, angle[:, None])
 
@@ -144,7 +144,7 @@ class Arc(Circle):
         return self._at(self.start + np.linspace(0.0, self.sweep, count + 1)), _chain(count)
 
 
-def _in_plane(points: Floats, dim: int) -> Floats:
+def _embed_plane_points(points: Floats, dim: int) -> Floats:
     """Return (n, 2) as (n, dim), zero in the third coordinate."""
     embedded = np.zeros((len(points), dim))
     embedded[:, :2] = points

@@ -7,7 +7,7 @@ import numpy as np
 from cpmkit.plugin import Floats, norms
 
 
-def unit_or(vectors: Floats, default: tuple[float, ...]) -> Floats:
+def normalize_or_default(vectors: Floats, default: tuple[float, ...]) -> Floats:
     """Return vectors (n, d) scaled to length one, and ``default`` for the zero vector.
 
     Each is divided by its largest component first: the square of 1e-170 would vanish, and a query

@@ -55,6 +55,6 @@ class HasShapeTangents(Shape, Protocol):
         """Return unit tangents (n, d) at points of the shape."""
 
 
-def inside(q: Floats) -> Ints:
+def no_edge_entries(q: Floats) -> Ints:
     """Return (n,) -1, the ``edge`` entries of feet that lie on no edge, one for each row of ``q``."""
     return np.full(len(q), -1, dtype=np.int64)

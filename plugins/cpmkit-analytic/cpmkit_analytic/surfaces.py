@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.plugin import Floats, Ints
-from cpmkit_analytic.directions import unit_or
+from cpmkit_analytic.directions import normalize_or_default
 from cpmkit_analytic.revolution import intervals, revolve
-from cpmkit_analytic.shapes import Feet, inside
+from cpmkit_analytic.shapes import Feet, no_edge_entries
 
 NORTH = (0.0, 0.0, 1.0)
 
@@ -27,7 +27,7 @@ class Sphere:
 
     def feet(self, q: Floats) -> Feet:
         """Return the direction from the centre, scaled to the radius; from the centre, the north pole."""
-        return Feet(self.radius * unit_or(q, NORTH), inside(q))
+        return Feet(self.radius * normalize_or_default(q, NORTH), no_edge_entries(q))
 
     def support(self, u: Floats) -> Floats:
         """Return u . p at the foot of u: about the origin the nearest reaches farthest."""
@@ -36,7 +36,7 @@ class Sphere:
 
     def normals(self, p: Floats) -> Floats:
         """Return the direction from the centre."""
-        return unit_or(p, NORTH)
+        return normalize_or_default(p, NORTH)
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
         """Return rings of latitude between the poles."""
@@ -63,9 +63,9 @@ class Cap(Sphere):
 
     def feet(self, q: Floats) -> Feet:
         """Return the foot on the sphere or, below the rim, the point of the rim on the same meridian."""
-        on_sphere = self.radius * unit_or(q, NORTH)
+        on_sphere = self.radius * normalize_or_default(q, NORTH)
         rim = np.full_like(q, self.height)
-        rim[:, :2] = self.rim_radius * unit_or(q[:, :2], (1.0, 0.0))
+        rim[:, :2] = self.rim_radius * normalize_or_default(q[:, :2], (1.0, 0.0))
         above = on_sphere[:, 2] > self.height
         return Feet(np.where(above[:, None], on_sphere, rim), np.where(above, -1, 0))
 
@@ -97,7 +97,7 @@ class Torus:
         From the axis the meridian of the first axis is taken, from the core circle the top.
         """
         core = self._core(q)
-        return Feet(core + self.minor * unit_or(q - core, NORTH), inside(q))
+        return Feet(core + self.minor * normalize_or_default(q - core, NORTH), no_edge_entries(q))
 
     def support(self, u: Floats) -> Floats:
         """Return (n,) the largest u . p over the torus for each of ``u`` (n, 3)."""
@@ -105,7 +105,7 @@ class Torus:
 
     def normals(self, p: Floats) -> Floats:
         """Return the direction from the core circle."""
-        return unit_or(p - self._core(p), NORTH)
+        return normalize_or_default(p - self._core(p), NORTH)
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
         """Return rings around the axis, down the outside and up the inside."""
@@ -119,7 +119,7 @@ class Torus:
 
     def _core(self, q: Floats) -> Floats:
         core = np.zeros_like(q)
-        core[:, :2] = self.major * unit_or(q[:, :2], (1.0, 0.0))
+        core[:, :2] = self.major * normalize_or_default(q[:, :2], (1.0, 0.0))
         return core
 
 
@@ -147,7 +147,7 @@ class Cylinder:
     def normals(self, p: Floats) -> Floats:
         """Return the direction from the axis."""
         directions = np.zeros_like(p)
-        directions[:, :2] = unit_or(p[:, :2], (1.0, 0.0))
+        directions[:, :2] = normalize_or_default(p[:, :2], (1.0, 0.0))
         return directions
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:

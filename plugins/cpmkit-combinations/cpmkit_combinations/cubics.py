@@ -50,7 +50,7 @@ class Cubics:
     coefficients: Floats
     piece: Ints
 
-    def at(self, segment: Ints, s: Floats) -> Floats:
+    def evaluate(self, segment: Ints, s: Floats) -> Floats:
         """Return the points p(s) (n, d) of the cubics ``segment`` (n,) at the parameters ``s`` (n,)."""
         a, b, c, d = (self.coefficients[segment, k] for k in range(4))
         s = s[:, None]
@@ -80,12 +80,12 @@ class Cubics:
     def levels(self) -> list[Capsules]:
         """The levels of the tree of capsules, from one for each cubic to at most ``CAPSULE_CHILDREN`` at the top."""
         start, end = self.control[:, 0], self.control[:, 3]
-        radius = np.maximum(*(_to_segment(self.control[:, k], start, end) for k in (1, 2)))
+        radius = np.maximum(*(_distances_from_segments(self.control[:, k], start, end) for k in (1, 2)))
         levels, piece = [Capsules(start, end, radius, np.ones(len(start), dtype=bool))], (self.piece, self.piece)
         while len(levels[-1].start) > CAPSULE_CHILDREN:
             first = np.arange(0, len(levels[-1].start), CAPSULE_CHILDREN)
             last = np.minimum(first + CAPSULE_CHILDREN, len(levels[-1].start)) - 1
-            levels.append(_around(levels[-1], first, last, piece[0][first] == piece[1][last]))
+            levels.append(_merge_capsules(levels[-1], first, last, piece[0][first] == piece[1][last]))
             piece = piece[0][first], piece[1][last]
         return levels
 
@@ -113,7 +113,7 @@ class Cubics:
         nodes = np.tile(np.arange(len(top.start)), len(x))
         for level in range(len(self.levels) - 1, -1, -1):
             capsules = self.levels[level]
-            distance = _to_segment(x[rows], capsules.start[nodes], capsules.end[nodes])
+            distance = _distances_from_segments(x[rows], capsules.start[nodes], capsules.end[nodes])
             radius = capsules.radius[nodes]
             most = np.where(capsules.whole[nodes], distance + radius, np.inf)
             first = np.flatnonzero(np.diff(rows, prepend=-1))
@@ -133,7 +133,7 @@ class Cubics:
         Newton's method in a bracket around the nearest of a few points finds it.
         """
         shares = np.linspace(0.0, 1.0, NEWTON_STARTS + 1)
-        s = shares[np.argmin([norms(self.at(segment, np.full(len(x), share)) - x) for share in shares], axis=0)]
+        s = shares[np.argmin([norms(self.evaluate(segment, np.full(len(x), share)) - x) for share in shares], axis=0)]
         low, high = np.maximum(s - 1 / NEWTON_STARTS, 0.0), np.minimum(s + 1 / NEWTON_STARTS, 1.0)
         a, b, c, d = (self.coefficients[segment, k] for k in range(4))
         q, rows = x - a, np.arange(len(x))
@@ -154,7 +154,7 @@ class Cubics:
             change = np.abs(following - s[rows])
             s[rows] = following
             rows = rows[change > DISTANCE_ROUNDING]
-        return s, norms(self.at(segment, s) - x)
+        return s, norms(self.evaluate(segment, s) - x)
 
 
 def hermite(start: Floats, start_tangent: Floats, end: Floats, end_tangent: Floats) -> Floats:
@@ -170,16 +170,16 @@ def hermite(start: Floats, start_tangent: Floats, end: Floats, end_tangent: Floa
     return np.stack([start, first, 3 * chord - 2 * first - last, first + last - 2 * chord], axis=1)
 
 
-def _around(parts: Capsules, first: Ints, last: Ints, whole: Bools) -> Capsules:
+def _merge_capsules(parts: Capsules, first: Ints, last: Ints, whole: Bools) -> Capsules:
     """Return a capsule around each run of ``parts``, from ``first`` (k,) to ``last`` (k,); ``whole`` (k,) is copied."""
     start, end = parts.start[first], parts.end[last]
     run = np.repeat(np.arange(len(first)), last - first + 1)
-    off = [_to_segment(points, start[run], end[run]) for points in (parts.start, parts.end)]
+    off = [_distances_from_segments(points, start[run], end[run]) for points in (parts.start, parts.end)]
     radius = np.maximum.reduceat(np.maximum(*off) + parts.radius, first)
     return Capsules(start, end, radius, whole)
 
 
-def _to_segment(x: Floats, start: Floats, end: Floats) -> Floats:
+def _distances_from_segments(x: Floats, start: Floats, end: Floats) -> Floats:
     """Return the distances (n,) of points ``x`` (n, d) from the segments from ``start`` to ``end`` (n, d)."""
     chord, away = end - start, x - start
     squared = dots(chord, chord)

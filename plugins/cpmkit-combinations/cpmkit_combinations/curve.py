@@ -82,7 +82,7 @@ class TracedCurve:
         """
         x = as_points(x, self.dim) - self.shift
         element, s = self._cubics.nearest(x)
-        points = self._cubics.at(element, s)
+        points = self._cubics.evaluate(element, s)
         starts, ends = self._ends
         edge = np.where(starts[element] & (s <= 0.0), 0, np.where(ends[element] & (s >= 1.0), 1, -1))
         distance = norms(x - points)
@@ -113,7 +113,7 @@ class TracedCurve:
         s = (np.arange(count) - first[element]) / parts[element]
         _, ends = self._ends
         last = np.flatnonzero(ends)
-        points = np.concatenate([self._cubics.at(element, s), self._cubics.at(last, np.ones(len(last)))])
+        points = np.concatenate([self._cubics.evaluate(element, s), self._cubics.evaluate(last, np.ones(len(last)))])
         # the last part of an open piece is followed by its end, that of a closed piece by its first vertex
         following = np.arange(1, count + 1)
         piece = self._cubics.piece

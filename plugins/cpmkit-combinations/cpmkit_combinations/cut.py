@@ -55,7 +55,7 @@ def plane_cut(
     section = _section_by_source(surface, through, across)
     if section is not None:
         return section
-    return cut_of(level_cut(surface, plane, "the distance from the plane", resolution))
+    return find_zero_set(level_cut(surface, plane, "the distance from the plane", resolution))
 
 
 def _section_by_source(surface: Any, point: Floats, normal: Floats) -> ClosestPointSource | None:
@@ -100,10 +100,10 @@ def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | Non
     True
     """
     check_cuttable(surface, "surface")
-    return cut_of(level_cut(surface, position_function(phi, surface.dim, "phi"), "phi", resolution))
+    return find_zero_set(level_cut(surface, position_function(phi, surface.dim, "phi"), "phi", resolution))
 
 
-def cut_of(cut: LevelCut) -> TracedCurve | PointSet:
+def find_zero_set(cut: LevelCut) -> TracedCurve | PointSet:
     """Return the zeros of the function of ``cut``: on a surface a traced curve, on a curve a set of points."""
     return _points(cut) if cut.surface.manifold_dim == 1 else TracedCurve(trace(cut), cut.phi.origin)
 

@@ -143,7 +143,7 @@ def _space_evenly(cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormal
     positions = np.linspace(0.0, reached[-1], count + 1)[: -1 if piece.closed else None]
     segment = np.clip(np.searchsorted(reached, positions, side="right") - 1, 0, len(curve.piece) - 1)
     s = np.clip((positions - reached[segment]) / curve.lengths[segment], 0.0, 1.0)
-    even, converged = cut.project(cut.surface.closest_point(curve.at(segment, s)))
+    even, converged = cut.project(cut.surface.closest_point(curve.evaluate(segment, s)))
     if not piece.closed:  # the ends are on the edge already
         ends = feet.take(piece.order[[0, -1]])
         inner = np.arange(1, len(even) - 1)
@@ -173,7 +173,7 @@ def _refine(cut: LevelCut, knots: Knots) -> Knots:
     shortest = 0.0 if cut.knows_directions else SHORTEST_CUBIC_SHARE * cut.size
     for k in range(CUBIC_HALVINGS + 1):
         curve = cubics_of(knots)
-        middle = curve.at(target, np.full(len(target), 0.5))
+        middle = curve.evaluate(target, np.full(len(target), 0.5))
         feet, converged = cut.project(cut.surface.closest_point(middle))
         off = norms(feet.points - middle)
         far = converged & (off > tolerance)

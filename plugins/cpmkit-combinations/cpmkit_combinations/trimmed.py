@@ -24,7 +24,7 @@ from cpmkit.plugin import (
     positive,
     source_repr,
 )
-from cpmkit_combinations.cut import check_cuttable, cut_of, level_cut
+from cpmkit_combinations.cut import check_cuttable, find_zero_set, level_cut
 from cpmkit_combinations.level_cut import CUT_DIFFERENCE_SHARE, LevelCut, PositionFunction, position_function
 from cpmkit_combinations.points import PointSet
 from cpmkit_combinations.trimmed_edge import CurveEdge, TrimmedEdge, clip_mesh, point_edge
@@ -244,7 +244,7 @@ def trimmed_source(*, of: ClosestPointSource, trim: Any, resolution: int | None 
     check_cuttable(of, "of")
     function = position_function(trim, of.dim, "trim")
     cut = level_cut(of, function, "trim", resolution)
-    where = cut_of(cut)
+    where = find_zero_set(cut)
     samples = _samples_of_part(cut)
     ends_left = np.unique(samples.edge[samples.edge >= 0])
     new_edge: TrimmedEdge = point_edge(cut, where, ends_left) if isinstance(where, PointSet) else CurveEdge(where)

@@ -93,7 +93,7 @@ class Tube:
         length = norms(away)
         on_curve = length <= ON_CURVE_SHARE * self.radius
         if on_curve.any():
-            away[on_curve], length[on_curve] = self._across(middle.points[on_curve]), 1.0
+            away[on_curve], length[on_curve] = self._directions_across(middle.points[on_curve]), 1.0
         feet = middle.points + (self.radius / length)[:, None] * away
         inexact = on_curve | (length < NEAR_CURVE_SHARE * self.radius)
         if inexact.any():
@@ -133,7 +133,7 @@ class Tube:
         middle = self.around.closest_point(points).points
         return np.asarray(middle + self.radius * unit(points - middle))
 
-    def _across(self, points: Floats) -> Floats:
+    def _directions_across(self, points: Floats) -> Floats:
         """Return unit vectors (n, d) across the curve at ``points`` (n, d) on it, from feet of points beside them."""
         step, best = 0.1 * self.radius, np.zeros(points.shape)
         for axis in np.eye(self.dim):

@@ -38,7 +38,7 @@ Base = TypeVar("Base")
 Rule = Callable[[Any, tuple[Any, ...]], bool]
 
 
-def always(_ability: Any, _sources: tuple[Any, ...]) -> bool:
+def always_has(_ability: Any, _sources: tuple[Any, ...]) -> bool:
     """Return True: the combination always has the ability."""
     return True
 
@@ -101,15 +101,15 @@ ABILITIES: Mapping[type, PassingRules] = {
         solid="the mesh is that of the hypersurface, which bounds the solid",
     ),
     HasMesh: PassingRules(moved=all_have, union=all_have, trimmed=all_have, solid=all_have_or_plane),
-    HasTranslation: PassingRules(moved=always, union=all_have, trimmed=all_have, solid=all_have),
+    HasTranslation: PassingRules(moved=always_has, union=all_have, trimmed=all_have, solid=all_have),
     HasMembers: PassingRules(
         moved=all_have,
-        union=always,
+        union=always_has,
         trimmed="the part has no members: its edge depends on the whole",
         solid="several members enclose one solid, with its holes",
     ),
     HasFacets: PassingRules(moved=_NOT_READ, union=_NOT_READ, trimmed=_NOT_READ, solid=_NOT_READ),
-    HasAdvice: PassingRules(moved=always, union=always, trimmed=always, solid=always),
+    HasAdvice: PassingRules(moved=always_has, union=always_has, trimmed=always_has, solid=always_has),
 }
 
 

@@ -27,9 +27,9 @@ def newton_steps(tangents, bending, force, stride, step, length):
     u = v = 0.0
     for i in range(n):
         if m == 1:
-            u = _along(force[i, 0], 1.0 + bending[i, 0, 0], least)
+            u = _step_along_direction(force[i, 0], 1.0 + bending[i, 0, 0], least)
         elif m == 2:
-            u, v = _in_plane(force[i], 1.0 + bending[i, 0, 0], bending[i, 0, 1], 1.0 + bending[i, 1, 1], least)
+            u, v = _step_in_plane(force[i], 1.0 + bending[i, 0, 0], bending[i, 0, 1], 1.0 + bending[i, 1, 1], least)
         square = 0.0
         for k in range(d):
             step[i, k] = 0.0
@@ -44,20 +44,20 @@ def newton_steps(tangents, bending, force, stride, step, length):
 
 
 @inlined
-def _in_plane(force, a, b, c, least):
+def _step_in_plane(force, a, b, c, least):
     """Return the step's coordinates for the bending ((a, b), (b, c)): along each of its two principal directions."""
     if 0.5 * (a + c) - math.hypot(0.5 * (a - c), b) >= LEAST_BENDING_OF_DISTANCE:
         determinant = a * c - b * b
         return (c * force[0] - b * force[1]) / determinant, (a * force[1] - b * force[0]) / determinant
     mean, half, angle = 0.5 * (a + c), math.hypot(0.5 * (a - c), b), 0.5 * math.atan2(2 * b, a - c)
     cosine, sine = math.cos(angle), math.sin(angle)
-    most = _along(cosine * force[0] + sine * force[1], mean + half, least)
-    other = _along(cosine * force[1] - sine * force[0], mean - half, least)
+    most = _step_along_direction(cosine * force[0] + sine * force[1], mean + half, least)
+    other = _step_along_direction(cosine * force[1] - sine * force[0], mean - half, least)
     return cosine * most - sine * other, sine * most + cosine * other
 
 
 @inlined
-def _along(force, bending, least):
+def _step_along_direction(force, bending, least):
     """Return the step along one direction; where the distance is concave, its length is at least ``least``."""
     step = force / max(abs(bending), LEAST_BENDING_OF_DISTANCE)
     if bending < -LEAST_BENDING_OF_DISTANCE and abs(step) < least:

@@ -100,7 +100,7 @@ def function(
     level_set_source = _build_level_set(field, trim, box, resolution)
     return replace(
         level_set_source,
-        slope_error=float(np.quantile(differences.errors(_some(level_set_source)), SLOPE_ERROR_QUANTILE)),
+        slope_error=float(np.quantile(differences.errors(_sample_subset(level_set_source)), SLOPE_ERROR_QUANTILE)),
     )
 
 
@@ -141,7 +141,7 @@ def grid(
         raise InputError(f"spacing must be above zero, got {shown(spacing)}.")
     field = GridField(samples, np.zeros(d) if origin is None else as_vector(origin, d, "origin"), steps)
     level_set_source = _build_level_set(field, trim, field.box, resolution)
-    return replace(level_set_source, slope_error=field.slope_error(_some(level_set_source)))
+    return replace(level_set_source, slope_error=field.slope_error(_sample_subset(level_set_source)))
 
 
 def dziuk(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
@@ -218,7 +218,7 @@ def _build_level_set(field: Field, trim: Any, box: Floats, resolution: Any) -> L
     return level_set(field, None if trim is None else formula_field(trim, field.dim, "trim"), box, cells)
 
 
-def _some(level_set_source: LevelSet) -> Floats:
+def _sample_subset(level_set_source: LevelSet) -> Floats:
     """Return about 2000 of the samples (n, d)."""
     samples = level_set_source.surface.samples
     return samples[:: max(len(samples) // 2000, 1)]

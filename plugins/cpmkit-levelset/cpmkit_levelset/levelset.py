@@ -23,8 +23,8 @@ from cpmkit.plugin import (
 from cpmkit_levelset.fields import Field, FunctionField
 from cpmkit_levelset.manifold import ZeroSet, unit_or_nan
 from cpmkit_levelset.marching import marching_simplices
-from cpmkit_levelset.sampling import COVERING_SPACINGS, in_chunks, sample_lattice, surface_samples, ways_out
-from cpmkit_levelset.search import Layer, layer, search
+from cpmkit_levelset.sampling import COVERING_SPACINGS, exit_points, in_chunks, sample_lattice, surface_samples
+from cpmkit_levelset.search import Layer, find_nearest_points, layer
 
 #: Queries that are answered at a time: temporary arrays stay in the cache.
 LEVELSET_PARCEL_QUERIES = 8192
@@ -143,10 +143,10 @@ class LevelSet:
 
     def _feet(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
         if self.edge is None:
-            result = search(self.surface, x)
+            result = find_nearest_points(self.surface, x)
             return result.points, result.distance, np.full(len(x), -1), ~result.sure
-        rim = search(self.edge, x)
-        result = search(self.surface, x, rim.distance, self._inside)
+        rim = find_nearest_points(self.edge, x)
+        result = find_nearest_points(self.surface, x, rim.distance, self._inside)
         on_rim = ~(result.distance < rim.distance)
         # the edge is nowhere nearer than the foot on it less the covering radius: beyond that its doubts do not count
         sure = result.sure & (rim.sure | (result.distance < rim.distance - self.edge.covering))
@@ -204,7 +204,7 @@ def level_set(field: Field, trim: Field | None, box: Floats, resolution: int) ->
     zero_set = ZeroSet((field,), size)
     samples = surface_samples(zero_set, lattice)
     kept = np.ones(lattice.values.size, dtype=bool) if trim is None else in_chunks(trim.value, lattice.nodes) <= 0
-    leaks = ways_out(lattice, kept)
+    leaks = exit_points(lattice, kept)
     if len(leaks):
         raise InputError(
             f"the zero set runs out of the bounds at {len(leaks)} lattice points, first near {leaks[0].tolist()}; "

@@ -48,7 +48,7 @@ def fill_models(x, gap, near, samples, tangents, bends, bend, covering, shares, 
 
 
 @compiled
-def cross_off(untried, minimum, starts, rows, points, reach):
+def clear_samples_near(untried, minimum, starts, rows, points, reach):
     """Clear in ``untried`` (n, k) samples that lie, or whose models have a minimum, within ``reach`` of a point.
 
     Parameters
@@ -89,7 +89,7 @@ def discard_untried(untried, active, gap, lowest, best, sure):
 
 
 @compiled
-def choose(untried, minimum, starts, active, room, most, reach, rows, columns):
+def choose_starts(untried, minimum, starts, active, room, most, reach, rows, columns):
     """Fill in pairs of queries and untried samples whose models lead to different places; return how many.
 
     Parameters

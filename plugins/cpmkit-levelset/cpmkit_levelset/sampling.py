@@ -82,7 +82,7 @@ def surface_samples(zero_set: ZeroSet, lattice: SampleLattice) -> Floats:
     return points
 
 
-def ways_out(lattice: SampleLattice, keep: Bools) -> Floats:
+def exit_points(lattice: SampleLattice, keep: Bools) -> Floats:
     """Return points (n, d) where the level set leaves the bounds: nodes of the outside beside a change of sign.
 
     Only changes between two nodes that are both in ``keep`` (number of nodes,) count.

@@ -19,7 +19,7 @@ import numpy as np
 from cpmkit.plugin import Bools, Floats, Ints, norms
 from cpmkit_levelset.descent import descend
 from cpmkit_levelset.manifold import ZeroSet, normal_basis
-from cpmkit_levelset.sample_kernels import choose, cross_off, discard_untried, fill_models, keep_nearest
+from cpmkit_levelset.sample_kernels import choose_starts, clear_samples_near, discard_untried, fill_models, keep_nearest
 
 #: How many of the nearest samples are looked at: first by every query, then by those for which that was too few.
 SAMPLE_TIERS = (12, 192)
@@ -118,7 +118,7 @@ def layer(zero_set: ZeroSet, samples: Floats, covering: float) -> Layer:
     return Layer(zero_set, samples, cKDTree(samples), tangents, bends, covering)
 
 
-def search(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | None = None) -> BestPoints:
+def find_nearest_points(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | None = None) -> BestPoints:
     """Return the nearest points of a layer for the queries ``x`` (n, d).
 
     Parameters
@@ -149,14 +149,14 @@ def search(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | No
 def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Keep | None) -> BestPoints:
     """Return the best points after descents from those of the ``count`` nearest samples that may lead nearer.
 
-    ``before`` are those known for the queries ``x`` (n, d), ``keep`` as for :func:`search`.
+    ``before`` are those known for the queries ``x`` (n, d), ``keep`` as for :func:`find_nearest_points`.
     """
     gap, near = where.tree.query(x, np.arange(1, count + 1))
     lowest, minimum, untried = where.models(x, gap, near)
     starts, n = where.samples[near], len(x)
     points, best = before.points.copy(), before.distance.copy()
     reach = SAME_BASIN_COVERINGS * where.covering
-    cross_off(untried, minimum, starts, np.arange(n), points, reach)
+    clear_samples_near(untried, minimum, starts, np.arange(n), points, reach)
     untried[:, 0] |= np.isinf(best)  # some point must be found, whatever the models say
     sure, failed, room = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.full(n, LEVELSET_DESCENTS)
     active, most = np.arange(n), 1
@@ -166,11 +166,11 @@ def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Kee
         if not len(active):
             break
         rows, columns = np.empty((2, most * len(active)), dtype=np.int64)
-        chosen = choose(untried, minimum, starts, active, room, most, reach, rows, columns)
+        chosen = choose_starts(untried, minimum, starts, active, room, most, reach, rows, columns)
         rows, columns, most = rows[:chosen], columns[:chosen], LEVELSET_DESCENTS
         foot, converged = descend(where.zero_set, x[rows], starts[rows, columns], 2 * where.covering)
         failed[rows[~converged]] = True
-        cross_off(untried, minimum, starts, rows, foot, reach)
+        clear_samples_near(untried, minimum, starts, rows, foot, reach)
         distance = norms(x[rows] - foot)
         if keep is not None:
             distance = np.where(keep(foot), distance, np.inf)

@@ -87,7 +87,7 @@ def _walk(x, face, v, w, frames, normals, neighbours, rim):
             face, v, w = across, 1.0 / 3.0, 1.0 / 3.0
             height = _height(x, face, v, w, frames, normals)
             continue
-        k, s, inside = _slide(x, FIRST_BOUNDARY_SLOT - across, rim)
+        k, s, inside = _closest_on_boundary(x, FIRST_BOUNDARY_SLOT - across, rim)
         face, edge = rim[4][k]
         v = 1.0 - s if edge == 0 else (s if edge == 2 else 0.0)
         w = s if edge == 0 else (1.0 - s if edge == 1 else 0.0)
@@ -143,7 +143,7 @@ def _solve(x, face, v, w, h, frames, normals):
 
 
 @compiled
-def _slide(x, k, rim):
+def _closest_on_boundary(x, k, rim):
     """Return the boundary edge, the share s of it in [0, 1], and whether ``x`` (3,) lies on the mesh's side there.
 
     The search starts on boundary edge ``k`` and passes on to the edges that touch it. At s the query lies in the plane

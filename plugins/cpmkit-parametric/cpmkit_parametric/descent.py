@@ -53,7 +53,7 @@ def descend(map: UnitMap, domain: Domain, x: Floats, start: Floats, longest: Flo
     size : float
         Of the manifold, by which rounding is judged.
     """
-    from cpmkit_parametric.descent_kernels import apart, newton_steps
+    from cpmkit_parametric.descent_kernels import newton_steps, point_distances
 
     s = domain.start(start)
     converged = np.zeros(len(s), dtype=np.bool_)
@@ -64,7 +64,7 @@ def descend(map: UnitMap, domain: Domain, x: Floats, start: Floats, longest: Flo
         here, wanted = s[active], x[active]
         p, *derivatives = map.jet(here)
         step, length = newton_steps(p, *derivatives, wanted, here, domain.periodic, longest)
-        scale = size + apart(p, wanted)
+        scale = size + point_distances(p, wanted)
         s[active] = _line_search(map, domain, here, wanted, p, step, size)
         converged[active] = length <= VOUCHED_STEP_SHARE * scale
         active = active[length > LAST_STEP_SHARE * scale]
@@ -75,14 +75,14 @@ def _line_search(map: UnitMap, domain: Domain, s: Floats, x: Floats, p: Floats, 
     """Return parameters (n, m) after ``step`` (n, m) from ``s``, or a fraction of it by which no distance grows."""
     from cpmkit_parametric.descent_kernels import is_farther
 
-    trial = domain.after(s, step)
+    trial = domain.advance_parameters(s, step)
     worse = np.flatnonzero(is_farther(map.value(trial), p, x, size))
     if not len(worse):
         return trial
     step = step.copy()
     for _ in range(MOST_BACKTRACKS - 1):
         step[worse] *= 0.25
-        trial[worse] = domain.after(s[worse], step[worse])
+        trial[worse] = domain.advance_parameters(s[worse], step[worse])
         worse = worse[is_farther(map.value(trial[worse]), p[worse], x[worse], size)]
         if not len(worse):
             return trial

@@ -118,7 +118,7 @@ def is_farther(q, p, x, size):
 
 
 @compiled
-def apart(p, x):
+def point_distances(p, x):
     """Return (n,) how far points ``p`` (n, d) are from ``x`` (n, d)."""
     n, d = p.shape
     found = np.empty(n)

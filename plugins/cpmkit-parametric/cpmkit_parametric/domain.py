@@ -44,13 +44,13 @@ class Domain:
             return s
         return np.clip(s, LEAST_POLE_DISTANCE * self.poles[:, 0], 1 - LEAST_POLE_DISTANCE * self.poles[:, 1])
 
-    def after(self, s: Floats, step: Floats) -> Floats:
+    def advance_parameters(self, s: Floats, step: Floats) -> Floats:
         """Return parameters (n, m) after ``step`` (n, m) from ``s``: wrapped, cut at bounds, or short of poles."""
         from cpmkit_parametric import unit_kernels
 
         poles = np.zeros((len(self.periodic), 2), dtype=np.bool_) if self.poles is None else self.poles
-        parameters: Floats = unit_kernels.after(s, step, self.periodic, self.flip, poles, MOST_POLE_STEP_SHARE)
-        return parameters
+        moved: Floats = unit_kernels.advance_parameters(s, step, self.periodic, self.flip, poles, MOST_POLE_STEP_SHARE)
+        return moved
 
     def inside(self, s: Floats) -> Floats:
         """Return unit parameters (n, m), from anywhere, where the domain has them: wrapped, or cut at the bounds."""

@@ -203,7 +203,7 @@ def _check_map(map: UnitMap) -> float:
     points = map.value(s.reshape(-1, map.count))
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
-        where = map.outer(s.reshape(-1, map.count)[bad[:1]])[0].tolist()
+        where = map.user_parameters(s.reshape(-1, map.count)[bad[:1]])[0].tolist()
         raise InputError(
             f"x is not finite at {len(bad)} of {len(points)} parameters, first at {where}; choose a range where it is."
         )

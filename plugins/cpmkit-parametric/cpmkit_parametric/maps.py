@@ -127,24 +127,24 @@ class UnitMap:
         steps = [np.linalg.norm(np.diff(points, axis=axis), axis=-1).max() for axis in (0, 1)]
         return tuple(float((GRID_LINES - 1) * step) for step in steps)
 
-    def outer(self, s: Floats, /) -> Floats:
+    def user_parameters(self, s: Floats, /) -> Floats:
         """Return the user's parameters (n, m) of unit parameters; a bound is met exactly."""
         from cpmkit_parametric import unit_kernels
 
-        found: Floats = unit_kernels.outer(s, self.lower, self.upper)
+        found: Floats = unit_kernels.user_parameters(s, self.lower, self.upper)
         return found
 
-    def inner(self, t: Floats, /) -> Floats:
+    def unit_parameters(self, t: Floats, /) -> Floats:
         """Return the unit parameters (n, m) of the user's."""
         return np.asarray((t - self.lower) / (self.upper - self.lower))
 
     def value(self, s: Floats, /) -> Floats:
         """Return the points (n, d) at unit parameters (n, m)."""
-        return self.map.value(self.outer(s))
+        return self.map.value(self.user_parameters(s))
 
     def jet(self, s: Floats, /) -> Jet:
         """Return points (n, d) and derivatives (n, m, d), (n, m, m, d) at unit parameters; not finite ones become 0."""
         from cpmkit_parametric import unit_kernels
 
-        p, J, H = self.map.jet(self.outer(s))
+        p, J, H = self.map.jet(self.user_parameters(s))
         return p, *unit_kernels.by_unit_parameters(J, H, self.upper - self.lower)

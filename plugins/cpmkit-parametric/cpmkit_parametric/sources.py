@@ -97,7 +97,7 @@ class Parametric:
 
     def _search(self, x: Floats) -> ClosestPoints:
         """Return the nearest end of the descents from all starts for each of ``x`` (n, d), as records."""
-        from cpmkit_parametric.descent_kernels import apart, nearest_of
+        from cpmkit_parametric.descent_kernels import nearest_of, point_distances
 
         starts = self.tree.starts(x)
         longest = 2.0 / np.array(self.tree.finest.shape)
@@ -105,7 +105,7 @@ class Parametric:
         ends = descend(self.map, self.domain, target, starts.parameters, longest, self.size)
         s = self.domain.snap_to_bounds(ends.parameters)
         points = self.map.value(s)
-        distance = apart(points, target)
+        distance = point_distances(points, target)
         best = nearest_of(starts.query, distance, len(x))
         doubtful = ~ends.converged[best]
         doubtful[self._crossings(starts.query, s, points, best)] = True
@@ -113,7 +113,7 @@ class Parametric:
             points[best] + self.shift,
             distance[best],
             self.sides.edge(s[best]),
-            local=self.map.outer(s[best]),
+            local=self.map.user_parameters(s[best]),
             doubtful=doubtful,
         )
 
@@ -135,7 +135,7 @@ class Parametric:
     def _unit(self, feet: ClosestPoints) -> Floats:
         """Return the unit parameters (n, m) of ``feet``."""
         assert feet.local is not None
-        return self.map.inner(feet.local)
+        return self.map.unit_parameters(feet.local)
 
 
 class Curve(Parametric):

@@ -8,7 +8,7 @@ from cpmkit.plugin import compiled
 
 
 @compiled
-def outer(s, lower, upper):
+def user_parameters(s, lower, upper):
     """Return the parameters (n, m) of unit parameters (n, m) between bounds (m,); a bound is met exactly."""
     n, m = s.shape
     t = np.empty((n, m))
@@ -61,7 +61,7 @@ def jet_of_rows(rows, m, d):
 
 
 @compiled
-def after(s, step, periodic, flip, poles, most_share):
+def advance_parameters(s, step, periodic, flip, poles, most_share):
     """Return where steps (n, m) from ``s`` (n, m) lead: shortened towards ``poles`` (m, 2), wrapped or cut at bounds.
 
     No step takes more than ``most_share`` of the way to a pole. With ``flip`` the second parameter comes back as one

@@ -25,7 +25,7 @@ from cpmkit_pointcloud.blend import Blend, project, surface_normals
 from cpmkit_pointcloud.floor import SLOPE_SAMPLES, fitted_floor, integral_floor, slope_error
 from cpmkit_pointcloud.patches import curvatures
 from cpmkit_pointcloud.rim import open_samples
-from cpmkit_pointcloud.samples import as_cells, ask, thin_out, tree_of
+from cpmkit_pointcloud.samples import as_cells, query_nearest_samples, thin_out, tree_of
 from cpmkit_pointcloud.values import weights_at
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class PointCloud:
         or the patches around a query contradict each other.
         """
         x = as_points(x, self.dim)
-        to_samples, nearest = ask(self._tree, x)
+        to_samples, nearest = query_nearest_samples(self._tree, x)
         feet, sample, edge, doubtful = project(self.surface, x, nearest, self._tiny, self.closed)
         lost = ~np.isfinite(feet).all(axis=1)
         if lost.any():

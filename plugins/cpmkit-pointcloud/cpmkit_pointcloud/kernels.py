@@ -147,7 +147,7 @@ def _tangential(x, y, g, j, cloud):
 
 
 @compiled
-def _land(y, j, cloud, tiny):
+def _project_onto_surface(y, j, cloud, tiny):
     """Move ``y`` onto the surface along the gradient, to rounding; return the nearest sample."""
     for _ in range(MOST_LANDINGS):
         j = _nearest_sample(y, j, cloud)
@@ -199,7 +199,7 @@ def _search(x, y, j, cloud, tiny):
 
 
 @compiled
-def _beyond(y, j, cloud):
+def _distance_beyond_rim(y, j, cloud):
     """Return |mean offset of samples around ``y``| - :data:`BEYOND_RIM_RADII`, in radii: above zero beyond the rim."""
     _, _, _, _, mx, my, mz = _blend(y, j, cloud)
     return np.sqrt(mx * mx + my * my + mz * mz) - BEYOND_RIM_RADII
@@ -215,11 +215,11 @@ def _outward(y, j, cloud):
 
 
 @compiled
-def _to_rim(y, j, cloud, tiny):
+def _move_to_rim(y, j, cloud, tiny):
     """Move ``y`` along the surface to where the samples are just left behind, by false position; return its sample."""
     away, pace = _outward(y, j, cloud), PACE_RADII * cloud[2][j]
     start, low, high = y.copy(), 0.0, 0.0
-    at_low = at_high = _beyond(y, j, cloud)
+    at_low = at_high = _distance_beyond_rim(y, j, cloud)
     for _ in range(MOST_PACES):
         if at_low <= 0.0 <= at_high:
             break
@@ -228,19 +228,19 @@ def _to_rim(y, j, cloud, tiny):
         else:
             low, at_low, high = high, at_high, high + pace
         y[:] = start + (low if at_high > 0.0 else high) * away
-        j = _land(y, j, cloud, tiny)
+        j = _project_onto_surface(y, j, cloud, tiny)
         if at_high > 0.0:
-            at_low = _beyond(y, j, cloud)
+            at_low = _distance_beyond_rim(y, j, cloud)
         else:
-            at_high = _beyond(y, j, cloud)
+            at_high = _distance_beyond_rim(y, j, cloud)
     if not at_low <= 0.0 <= at_high:
         return j
     side = 0
     for _ in range(FALSE_POSITION_ROUNDS):
         middle = low if at_high == at_low else (low * at_high - high * at_low) / (at_high - at_low)
         y[:] = start + middle * away
-        j = _land(y, j, cloud, tiny)
-        value = _beyond(y, j, cloud)
+        j = _project_onto_surface(y, j, cloud, tiny)
+        value = _distance_beyond_rim(y, j, cloud)
         if abs(value) <= ON_RIM_ACCURACY or high - low <= tiny:
             return j
         if value > 0.0:
@@ -255,7 +255,7 @@ def _to_rim(y, j, cloud, tiny):
 @compiled
 def _along_rim(x, y, j, cloud, tiny):
     """Move ``y`` to the foot of ``x`` on the rim: across to the rim and along it by turns; return its sample."""
-    j = _to_rim(y, j, cloud, tiny)
+    j = _move_to_rim(y, j, cloud, tiny)
     for _ in range(ALONG_RIM_ROUNDS):
         away = _outward(y, j, cloud)
         _, gx, gy, gz, _, _, _ = _blend(y, j, cloud)
@@ -265,8 +265,8 @@ def _along_rim(x, y, j, cloud, tiny):
         if abs(step) <= LAST_RIM_STEP_RADII * cloud[2][j]:
             return j
         y += step * s / np.sqrt(s @ s)
-        j = _land(y, _nearest_sample(y, j, cloud), cloud, tiny)
-        j = _to_rim(y, j, cloud, tiny)
+        j = _project_onto_surface(y, _nearest_sample(y, j, cloud), cloud, tiny)
+        j = _move_to_rim(y, j, cloud, tiny)
     return j
 
 
@@ -286,11 +286,11 @@ def project(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, d
         if not converged and closed:
             j = nearest[k]
             y[:] = points[j]
-        j = _land(y, j, cloud, tiny)
-        beyond = _beyond(y, j, cloud)
+        j = _project_onto_surface(y, j, cloud, tiny)
+        beyond = _distance_beyond_rim(y, j, cloud)
         if not closed and beyond > ON_RIM_ACCURACY:
             j = _along_rim(x[k], y, j, cloud, tiny)
-            beyond, converged = _beyond(y, j, cloud), True
+            beyond, converged = _distance_beyond_rim(y, j, cloud), True
         edge[k] = 0 if not closed and beyond > -ON_RIM_ACCURACY else -1
         foot[k], element[k], doubtful[k] = y, j, not converged or beyond > ON_RIM_ACCURACY
 

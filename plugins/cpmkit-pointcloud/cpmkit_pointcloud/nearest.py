@@ -21,7 +21,7 @@ from cpmkit.plugin import (
     source_repr,
 )
 from cpmkit_pointcloud.floor import plain_floor
-from cpmkit_pointcloud.samples import as_cells, ask, thin_out, tree_of
+from cpmkit_pointcloud.samples import as_cells, query_nearest_samples, thin_out, tree_of
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -69,7 +69,7 @@ class NearestSamples:
         Raise InputError if ``x`` does not have shape (n, d) or is not finite.
         """
         x = as_points(x, self.dim)
-        distance, nearest = ask(self._tree, x)
+        distance, nearest = query_nearest_samples(self._tree, x)
         return ClosestPoints(self.points[nearest], distance, np.full(len(x), -1), nearest)
 
     def interpolate(self, values: Any, feet: ClosestPoints, /) -> Floats:

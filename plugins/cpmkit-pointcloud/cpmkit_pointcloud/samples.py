@@ -33,7 +33,7 @@ def as_cells(points: Floats) -> tuple[Floats, Ints]:
     return points, np.arange(len(points))[:, None]
 
 
-def ask(tree: cKDTree, x: Floats) -> tuple[Floats, Ints]:
+def query_nearest_samples(tree: cKDTree, x: Floats) -> tuple[Floats, Ints]:
     """Return (n,) the distance of each of ``x`` (n, d) to the nearest sample in ``tree``, and (n,) its row."""
     distance, nearest = tree.query(x, workers=thread_count())
     return distance, nearest.astype(np.int64)

@@ -27,7 +27,7 @@ class Stops:
     offsets: Floats
     colours: Floats
 
-    def at(self, shares: Floats) -> Floats:
+    def colours_at(self, shares: Floats) -> Floats:
         """Return the colours (n, 3) at shares (n,) of the length."""
         return np.stack([np.interp(shares, self.offsets, channel) for channel in self.colours.T], axis=1)
 

@@ -50,7 +50,7 @@ def subpaths(text: str, label: str) -> list[Subpath]:
             raise scanner.refuse("a number")
         if command in "Mm":
             command = "L" if command == "M" else "l"  # further points of a move are lines
-    pen.lift(closed=False)
+    pen.end_subpath(closed=False)
     return pen.found
 
 
@@ -75,9 +75,9 @@ class _Pen:
         origin = self.at if command.islower() else np.zeros(2)
         handle = 2 * self.at - self.handle if self.handle_of == {"S": "C", "T": "Q"}.get(kind) else self.at
         if kind == "Z":
-            self.lift(closed=True)
+            self.end_subpath(closed=True)
         elif kind == "M":
-            self.lift(closed=False)
+            self.end_subpath(closed=False)
             self.at = self.begin = origin + given
         elif kind == "A":
             end = origin + given[5:]
@@ -87,10 +87,10 @@ class _Pen:
             end["HV".index(kind)] = origin["HV".index(kind)] + given[0]
             self._add([np.linspace(self.at, end, 4)], end)
         else:
-            self._bend(kind, origin + np.reshape(given, (-1, 2)), handle)
+            self._draw_curve(kind, origin + np.reshape(given, (-1, 2)), handle)
         self.handle_of = {"S": "C", "T": "Q"}.get(kind, kind)
 
-    def _bend(self, kind: str, points: Floats, handle: Floats) -> None:
+    def _draw_curve(self, kind: str, points: Floats, handle: Floats) -> None:
         """Draw a line, or a curve with one or two control points."""
         controls = [handle, *points] if kind in "ST" else list(points)
         self.handle = controls[-2] if len(controls) > 1 else controls[-1]
@@ -108,7 +108,7 @@ class _Pen:
         self.cubics += [point for point in cubics if (point != point[0]).any()]
         self.at = end
 
-    def lift(self, *, closed: bool) -> None:
+    def end_subpath(self, *, closed: bool) -> None:
         """End the subpath, with a line back to where it began if it is closed."""
         if closed and (self.at != self.begin).any():
             self._add([np.linspace(self.at, self.begin, 4)], self.begin)

@@ -107,7 +107,7 @@ def _boundary(curve: DrawnCurve, name: str, piece: Clipped, closed: bool) -> Bou
     polyline = source("mesh.polyline", points=piece.points, closed=closed)
 
     def condition(stops: Stops | None) -> Any:
-        return Neumann(0.0) if stops is None else Dirichlet(VertexData(polyline, stops.at(piece.shares)))
+        return Neumann(0.0) if stops is None else Dirichlet(VertexData(polyline, stops.colours_at(piece.shares)))
 
     if curve.left is curve.right:
         return Boundary(name, polyline, both=condition(curve.left))
