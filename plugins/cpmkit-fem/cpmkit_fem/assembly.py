@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.plugin import Floats, Ints
 from cpmkit_fem.elements import NODES, Shape, quadrature
-from cpmkit_fem.surface_mapping import jacobians, unfold
+from cpmkit_fem.surface_mapping import jacobians, measure_and_pseudoinverse
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -71,7 +71,7 @@ def _summed(vertices: Floats, cells: Ints, shape: Shape, weight: Floats | None, 
     """Return integrals (v, v) of ``weight`` (v,), None for 1, times products of functions, or of their ``slopes``."""
     from scipy.sparse import csr_array
 
-    measure, inverse = unfold(jacobians(vertices, cells, shape))
+    measure, inverse = measure_and_pseudoinverse(jacobians(vertices, cells, shape))
     measure = measure * shape.weights
     if weight is not None:
         measure = measure * (weight[cells] @ shape.values)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-def change_of(ties: Sequence[Tie], size: int) -> csr_array | None:
+def change_of_unknowns(ties: Sequence[Tie], size: int) -> csr_array | None:
     """Return T (size, size), which changes values at nodes to unknowns and back; None if no unknown is a jump."""
     from scipy.sparse import csr_array
 

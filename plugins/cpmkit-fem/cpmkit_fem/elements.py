@@ -69,6 +69,6 @@ def _element(manifold_dim: int, degree: int):  # type: ignore[no-untyped-def]  #
     ]()
 
 
-def in_parts(cells: Ints, manifold_dim: int, degree: int) -> Ints:
+def split_into_linear_cells(cells: Ints, manifold_dim: int, degree: int) -> Ints:
     """Return linear cells (p, k) between nodes of ``cells`` (m, n); of degree 2 four a triangle, two a segment."""
     return np.ascontiguousarray(cells[:, PARTS[manifold_dim, degree]].reshape(-1, manifold_dim + 1))

@@ -25,7 +25,7 @@ from cpmkit.plugin import (
 )
 from cpmkit_fem.assembly import lump, stiffness_and_mass
 from cpmkit_fem.on_nodes import OnNodes
-from cpmkit_fem.operator import VertexOperator, diagonal_matrix, pinned_operator, without
+from cpmkit_fem.operator import VertexOperator, diagonal_matrix, pinned_operator, zero_pinned_rows
 from cpmkit_fem.rim import RimPart
 
 
@@ -99,7 +99,7 @@ class Equations(OnNodes):
         if not spectral:
             return None
         return CsrOperator(
-            without(self.matrix_of_unknowns(sum(spectral[1:], spectral[0])), self.pins.vertices, columns=True),
+            zero_pinned_rows(self.matrix_of_unknowns(sum(spectral[1:], spectral[0])), self.pins.vertices, columns=True),
             symmetric=True,
         )
 

@@ -38,7 +38,7 @@ def flip_boundary_chords(mesh: CellMesh, kept: Ints) -> CellMesh:
         w = cells[other].sum(axis=1) - a - b
         new = np.stack([np.stack([a, w, v], axis=1), np.stack([w, b, v], axis=1)])
         better = _better(mesh.nodes, new, cells[thin], cells[other]) & ~np.isin(_keys(np.stack([v, w], 1), size), keys)
-        chosen = np.flatnonzero(better & _apart(thin, other, better, len(cells)))
+        chosen = np.flatnonzero(better & _independent_flips(thin, other, better, len(cells)))
         if not len(chosen):
             return mesh
         cells = cells.copy()
@@ -69,7 +69,7 @@ def _better(nodes: Floats, new: Ints, thin: Ints, other: Ints) -> Bools:
     return np.asarray(_shapes(nodes, new).min(axis=0) > before)
 
 
-def _apart(thin: Ints, other: Ints, wanted: Bools, count: int) -> Bools:
+def _independent_flips(thin: Ints, other: Ints, wanted: Bools, count: int) -> Bools:
     """Return (k,) which flips are the first, of those ``wanted`` (k,), of both triangles ``thin`` and ``other``."""
     number = np.arange(len(thin))
     first = np.full(count, len(thin))

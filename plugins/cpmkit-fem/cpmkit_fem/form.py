@@ -22,7 +22,7 @@ from cpmkit.plugin import (
 from cpmkit_fem.contacts import sides_of_jumps
 from cpmkit_fem.equations import Equations
 from cpmkit_fem.nearest import pin_warnings
-from cpmkit_fem.reading import on_curved, reading_matrix
+from cpmkit_fem.reading import locate_on_curved_cells, reading_matrix
 from cpmkit_fem.sides import locate_points
 from cpmkit_fem.work import FemWork
 
@@ -99,7 +99,7 @@ class FiniteElements(Equations):
             queries = self.scene.surface.closest_point(queries).points
         cell, local = locate_points(self.scene, self.mesh, self.cut, queries, named_sides(self.scene.boundaries, side))
         if self.mesh.curved:
-            local = on_curved(self.mesh, cell, local, queries)
+            local = locate_on_curved_cells(self.mesh, cell, local, queries)
         rows = reading_matrix(self.mesh, cell, local)
         return rows if self.change is None else (rows @ self.change).tocsr()
 

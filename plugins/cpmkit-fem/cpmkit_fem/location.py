@@ -63,9 +63,9 @@ def _nearest_of_one_size(corners: Floats, radius: float, queries: Floats, bound:
 def _feet(corners: Floats, queries: Floats) -> tuple[Floats, Floats]:
     """Return the barycentric coordinates (n, c, k) of the nearest points of cells (n, c, k, d), and distances."""
     if corners.shape[2] == 2:
-        weights = _on_side(corners, queries, 0)
+        weights = _nearest_on_edge(corners, queries, 0)
         return weights, np.linalg.norm(np.einsum("nkc,nkcd->nkd", weights, corners) - queries[:, None, :], axis=2)
-    candidates = [_in_plane(corners, queries), *(_on_side(corners, queries, side) for side in range(3))]
+    candidates = [_project_onto_planes(corners, queries), *(_nearest_on_edge(corners, queries, k) for k in range(3))]
     weights = np.stack(candidates)
     points = np.einsum("snkc,nkcd->snkd", weights, corners)
     distance = np.linalg.norm(points - queries[None, :, None, :], axis=3)
@@ -77,7 +77,7 @@ def _feet(corners: Floats, queries: Floats) -> tuple[Floats, Floats]:
     )
 
 
-def _in_plane(corners: Floats, queries: Floats) -> Floats:
+def _project_onto_planes(corners: Floats, queries: Floats) -> Floats:
     """Return barycentric coordinates (n, c, 3) of the queries' projections on triangles' planes; -1 without area."""
     a, e, f = corners[..., 0, :], corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     d = queries[:, None, :] - a
@@ -88,7 +88,7 @@ def _in_plane(corners: Floats, queries: Floats) -> Floats:
     return np.where((determinant > 0)[..., None], np.stack([1 - v - w, v, w], axis=-1), -1.0)
 
 
-def _on_side(corners: Floats, queries: Floats, side: int) -> Floats:
+def _nearest_on_edge(corners: Floats, queries: Floats, side: int) -> Floats:
     """Return barycentric coordinates (n, c, k) of the queries' nearest points on the edge that starts at ``side``."""
     k = corners.shape[2]
     start, end = corners[..., side, :], corners[..., (side + 1) % k, :]

@@ -32,10 +32,10 @@ def pinned_vertices(scene: Scene, mesh: CellMesh) -> Sequence[RimPart]:
 def pin_warnings(parts: Sequence[RimPart]) -> tuple[str, ...]:
     """Return a warning for each of ``parts`` that pins vertices off its boundary, with the largest distance."""
     return tuple(
-        f"The {part.label} pins {len(part.on)} vertices up to {part.off.max():.3g} away from it (a mean edge is "
-        f"{part.mesh.mean_edge:.3g}): the answer is of first order there."
+        f"The {part.label} pins {len(part.vertex_numbers)} vertices up to {part.distances.max():.3g} away from it "
+        f"(a mean edge is {part.mesh.mean_edge:.3g}): the answer is of first order there."
         for part in parts
-        if part.place is not None and part.off.max() > THROUGH_VERTEX_SHARE * part.mesh.mean_edge
+        if part.place is not None and part.distances.max() > THROUGH_VERTEX_SHARE * part.mesh.mean_edge
     )
 
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from cpmkit.plugin import CsrOperator, CutMesh, Discretized, Floats, FormTraits, Ints, Scene, conditions_depend_on_time
 from cpmkit_fem.cell_mesh import CellMesh
-from cpmkit_fem.contacts import change_of
-from cpmkit_fem.elements import in_parts
+from cpmkit_fem.contacts import change_of_unknowns
+from cpmkit_fem.elements import split_into_linear_cells
 from cpmkit_fem.nearest import pinned_vertices
-from cpmkit_fem.operator import without
+from cpmkit_fem.operator import zero_pinned_rows
 from cpmkit_fem.pins import Pins, pins_of
 from cpmkit_fem.rim import RimPart, rim_of
 from cpmkit_fem.sides import on_own_side, sides_of
@@ -79,7 +79,7 @@ class OnNodes(Discretized):
     @cached_property
     def faces(self) -> Ints:
         """(m, k) triangles, k = 3, or segments, k = 2, between them; of degree 2 four or two to a cell."""
-        return in_parts(self.mesh.cells, self.mesh.manifold_dim, self.mesh.degree)
+        return split_into_linear_cells(self.mesh.cells, self.mesh.manifold_dim, self.mesh.degree)
 
     @property
     def size(self) -> int:
@@ -110,7 +110,7 @@ class OnNodes(Discretized):
     def mass(self) -> CsrOperator:
         """The mass matrix with zero rows at pinned vertices; their columns stay only where data depend on time."""
         moves = conditions_depend_on_time(self.scene)
-        return CsrOperator(without(self._mass, self.pins.vertices, columns=not moves), symmetric=not moves)
+        return CsrOperator(zero_pinned_rows(self._mass, self.pins.vertices, columns=not moves), symmetric=not moves)
 
     @cached_property
     def _mass(self) -> csr_array:
@@ -119,7 +119,7 @@ class OnNodes(Discretized):
     @cached_property
     def change(self) -> csr_array | None:
         """T (n, n), with values at nodes ``T u`` and T its own inverse; None where unknowns are these values."""
-        return change_of(self.ties, self.size)
+        return change_of_unknowns(self.ties, self.size)
 
     def matrix_of_unknowns(self, matrix: csr_array) -> csr_array:
         """Return ``T' matrix T`` (n, n): a bilinear form of values at nodes as a form of the unknowns."""

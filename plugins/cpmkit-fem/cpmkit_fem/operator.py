@@ -52,14 +52,14 @@ def pinned_operator(
     diagonal = np.zeros(len(matrix.indptr) - 1)
     diagonal[pins] = np.abs(matrix.diagonal()[pins])
     rows = diagonal_matrix(diagonal)
-    made = without(matrix, pins, columns=True) + rows
-    coupling = without(matrix, pins, columns=False)[:, pins] - rows[:, pins]
+    made = zero_pinned_rows(matrix, pins, columns=True) + rows
+    coupling = zero_pinned_rows(matrix, pins, columns=False)[:, pins] - rows[:, pins]
     return VertexOperator(
         made.tocsr(), True, coupling=coupling.tocsr(), rims=rims, fixed=fixed, diffusivity=diffusivity
     )
 
 
-def without(matrix: csr_array, pins: Ints, columns: bool) -> csr_array:
+def zero_pinned_rows(matrix: csr_array, pins: Ints, columns: bool) -> csr_array:
     """Return the matrix (v, v) with zero rows at ``pins`` (p,), and zero columns if ``columns``."""
     free = np.ones(matrix.shape[0])
     free[pins] = 0.0

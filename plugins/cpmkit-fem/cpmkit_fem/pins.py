@@ -44,8 +44,8 @@ def pins_of(parts: Sequence[RimPart], ties: Sequence[Tie], channels: int) -> Pin
     """Return the pinned vertices: those of ``parts`` with a Value law, and those of ``ties`` that prescribe a jump."""
     prescribed: list[RimPart | Tie] = [part for part in parts if isinstance(part.law, Value)]
     prescribed += [tie for tie in ties if tie.prescribes_jump]
-    vertices = np.concatenate([np.zeros(0, dtype=np.int64), *(part.on for part in prescribed)])
-    off = np.concatenate([np.zeros(0), *(part.off for part in prescribed)])
+    vertices = np.concatenate([np.zeros(0, dtype=np.int64), *(part.vertex_numbers for part in prescribed)])
+    off = np.concatenate([np.zeros(0), *(part.distances for part in prescribed)])
     order = np.lexsort((off, vertices))
     pinned, first = np.unique(vertices[order], return_index=True)
     return Pins(pinned, prescribed, order[first], channels)

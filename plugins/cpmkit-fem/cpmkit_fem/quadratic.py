@@ -10,8 +10,8 @@ from cpmkit.plugin import Bools, CutMesh, Floats, Ints, Scene
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.elements import EDGES_OF, NODES, shape_at
 from cpmkit_fem.location import nearest_on_cells
-from cpmkit_fem.rim import outside, rim_facets
-from cpmkit_fem.surface_mapping import jacobians, unfold
+from cpmkit_fem.rim import points_outside_rim, rim_facets
+from cpmkit_fem.surface_mapping import jacobians, measure_and_pseudoinverse
 
 #: A node stays on its flat cell if it would move by more than this share of an edge.
 MOVED_EDGE_SHARE = 0.25
@@ -68,7 +68,7 @@ def _line_facets_and_targets(scene: Scene, mesh: CellMesh, cut: CutMesh | None) 
     wanted, none = mesh.nodes.copy(), np.zeros((0, mesh.manifold_dim), dtype=np.int64)
     rim, opposite = rim_facets(mesh, none if cut is None else cut.edges)
     if len(rim) and mesh.manifold_dim == 2:
-        wanted[rim[:, 2]] = scene.surface.closest_point(outside(mesh.nodes, rim, opposite)).points
+        wanted[rim[:, 2]] = scene.surface.closest_point(points_outside_rim(mesh.nodes, rim, opposite)).points
     if cut is None:
         return rim, wanted
     of_edges = [np.unique(mesh.with_midpoints(cut.edges[cut.owner == k])) for k in range(len(scene.boundaries))]
@@ -77,7 +77,7 @@ def _line_facets_and_targets(scene: Scene, mesh: CellMesh, cut: CutMesh | None) 
     ends = np.intersect1d(on, rim[:, : mesh.manifold_dim])
     outward = np.zeros_like(wanted)
     outward[rim[:, : mesh.manifold_dim]] = (
-        outside(mesh.nodes, rim, opposite) - mesh.nodes[rim[:, : mesh.manifold_dim]].mean(axis=1)
+        points_outside_rim(mesh.nodes, rim, opposite) - mesh.nodes[rim[:, : mesh.manifold_dim]].mean(axis=1)
     )[:, None]
     meeting = np.union1d(on[count > 1], ends)
     for turn in range(ROUNDS_OF_MEETING):
@@ -136,7 +136,7 @@ def _inverted_cells(mesh: CellMesh, nodes: Floats) -> Bools:
     dim = mesh.manifold_dim
     corners = np.array([[0, 1, 0, 0.5, 0.5, 0], [0, 0, 1, 0, 0.5, 0.5]]) if dim == 2 else np.array([[0, 1, 0.5]])
     flat = shape_at(dim, 1, corners[:, :1])
-    inverse = unfold(jacobians(mesh.nodes, mesh.corners, flat))[1]
+    inverse = measure_and_pseudoinverse(jacobians(mesh.nodes, mesh.corners, flat))[1]
     now = jacobians(nodes, mesh.cells, shape_at(dim, 2, corners))
     grown = np.einsum("idmq,jdmq->mqij", np.broadcast_to(inverse, (*inverse.shape[:3], now.shape[3])), now)
     share = np.linalg.det(grown)

@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.plugin import Floats, Ints
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.elements import shape_at
-from cpmkit_fem.surface_mapping import unfold
+from cpmkit_fem.surface_mapping import measure_and_pseudoinverse
 
 #: Steps of Gauss and Newton from the place on a flat cell to that on the curved one, and how far they may lead.
 STEPS, FARTHEST = 3, 0.3
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-def on_curved(mesh: CellMesh, cell: Ints, local: Floats, points: Floats) -> Floats:
+def locate_on_curved_cells(mesh: CellMesh, cell: Ints, local: Floats, points: Floats) -> Floats:
     """Return the barycentric coordinates (k, c) of the places on curved cells nearest to ``points`` (k, d) near them.
 
     ``cell`` (k,) are the cells; Newton's method starts from ``local`` (k, c) on the flat cells, which is returned where
@@ -30,7 +30,7 @@ def on_curved(mesh: CellMesh, cell: Ints, local: Floats, points: Floats) -> Floa
         shape = shape_at(mesh.manifold_dim, mesh.degree, found)
         missed = points - np.einsum("nk,knd->kd", shape.values, nodes)
         jacobian = np.einsum("njk,knd->jdk", shape.slopes, nodes)
-        found = found + np.einsum("jdk,kd->jk", unfold(jacobian[..., None])[1][..., 0], missed)
+        found = found + np.einsum("jdk,kd->jk", measure_and_pseudoinverse(jacobian[..., None])[1][..., 0], missed)
     astray = ~(np.abs(found - start).max(axis=0, initial=0.0) <= FARTHEST)
     found = np.where(astray, start, found)
     return np.concatenate([1 - found.sum(axis=0, keepdims=True), found]).T

@@ -68,7 +68,7 @@ class RimPart:
     target: Floats | None = None
 
     @cached_property
-    def on(self) -> Ints:
+    def vertex_numbers(self) -> Ints:
         """(k,) the vertices of the facets, ascending."""
         return np.unique(self.edges)
 
@@ -76,15 +76,15 @@ class RimPart:
     def points(self) -> Floats:
         """(k, d) points at which the data of the vertices are evaluated."""
         if self.place is None:
-            return (self.mesh.nodes if self.target is None else self.target)[self.on]
-        return self.place.closest_point(self.mesh.nodes[self.on]).points
+            return (self.mesh.nodes if self.target is None else self.target)[self.vertex_numbers]
+        return self.place.closest_point(self.mesh.nodes[self.vertex_numbers]).points
 
     @property
-    def off(self) -> Floats:
+    def distances(self) -> Floats:
         """(k,) distances of :attr:`points` from the vertices; zero on the rim, wherever data are evaluated."""
         if self.place is None:
-            return np.zeros(len(self.on))
-        return np.asarray(np.linalg.norm(self.points - self.mesh.nodes[self.on], axis=1))
+            return np.zeros(len(self.vertex_numbers))
+        return np.asarray(np.linalg.norm(self.points - self.mesh.nodes[self.vertex_numbers], axis=1))
 
     def values(self, channels: int, time: float | None) -> Floats:
         """Return the law's datum (k, channels) at :attr:`points`; ``time`` is None for steady problems."""
@@ -93,7 +93,7 @@ class RimPart:
     def data_at_vertices(self, data: Data, channels: int, time: float | None) -> Floats:
         """Return ``data`` (n, channels), evaluated for the part's vertices and zero at all other nodes of the mesh."""
         values = np.zeros((len(self.mesh.nodes), channels))
-        values[self.on] = evaluate_data(data, self.points, channels, self.label, time)
+        values[self.vertex_numbers] = evaluate_data(data, self.points, channels, self.label, time)
         return values
 
     def mass(self, weight: Floats) -> csr_array:
@@ -109,7 +109,7 @@ class RimPart:
 
     def read(self, u: Floats) -> Floats:
         """Return the first channel (k,) of ``u`` (n, channels) at the part's vertices."""
-        return np.asarray(u[self.on, 0])
+        return np.asarray(u[self.vertex_numbers, 0])
 
     def grows(self, seen: Floats) -> bool:
         """Return whether |dj/du| times the mean edge exceeds :data:`STILL` anywhere, j the flux, u = ``seen`` (k,)."""
@@ -134,9 +134,9 @@ def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
     facets, opposite = rim_facets(mesh, besides)
     if not len(facets):
         return []
-    feet = scene.surface.closest_point(outside(mesh.nodes, facets, opposite))
+    feet = scene.surface.closest_point(points_outside_rim(mesh.nodes, facets, opposite))
     parts = conditions_along(scene.edge, feet.edge, feet.points)
-    target = _beside_ends(mesh, facets, besides)
+    target = _move_ends_along_rim(mesh, facets, besides)
     return [RimPart(_one_sided(condition), mesh, facets[rows], target=target) for condition, rows in parts]
 
 
@@ -149,7 +149,7 @@ def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
     return facets[rim], opposite[rim]
 
 
-def _beside_ends(mesh: CellMesh, facets: Ints, besides: Ints) -> Floats:
+def _move_ends_along_rim(mesh: CellMesh, facets: Ints, besides: Ints) -> Floats:
     """Return mesh's nodes (n, d), with ends of rim ``facets`` (e, c) in ``besides`` moved a little along the rim."""
     target, ends = mesh.nodes.copy(), facets[:, : mesh.manifold_dim]
     facet, place = np.nonzero(np.isin(ends, besides))
@@ -164,7 +164,7 @@ def _one_sided(condition: Condition) -> OneSided:
     return condition.law
 
 
-def outside(nodes: Floats, facets: Ints, opposite: Ints) -> Floats:
+def points_outside_rim(nodes: Floats, facets: Ints, opposite: Ints) -> Floats:
     """Return points (e, d) a little outside of the rim ``facets`` (e, c), so that their closest points lie on the rim.
 
     ``opposite`` (e,) is the corner opposite each facet. Closest points of the chords themselves may lie inside.

@@ -25,7 +25,7 @@ def jacobians(nodes: Floats, cells: Ints, shape: Shape) -> Floats:
     return found
 
 
-def unfold(jacobian: Floats) -> tuple[Floats, Floats]:
+def measure_and_pseudoinverse(jacobian: Floats) -> tuple[Floats, Floats]:
     """Return the measure det R (m, q) and the pseudoinverse R^-1 Q' (k, d, m, q) of Jacobians (k, d, m, q).
 
     The k = 0, 1 or 2 columns of a Jacobian have the QR decomposition Q R.

@@ -73,13 +73,13 @@ class Tie:
         return self.mesh.manifold_dim == 1 and not self.law.resistance
 
     @property
-    def on(self) -> Ints:
+    def vertex_numbers(self) -> Ints:
         """(k,) the nodes whose unknowns are jumps if :attr:`prescribes_jump`."""
         return self.right
 
     @property
-    def off(self) -> Floats:
-        """(k,) zeros: the distances of the data's points from the vertices count as zero (:attr:`RimPart.off`)."""
+    def distances(self) -> Floats:
+        """(k,) zeros: distances of the data's points from the vertices count as zero (:attr:`RimPart.distances`)."""
         return np.zeros(len(self.right))
 
     def jumps(self, channels: int, time: float | None) -> Floats:
@@ -154,7 +154,7 @@ def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
         edges = mesh.with_midpoints(cut.edges[on & cut.left])
         left, rows = np.unique(edges, return_inverse=True)
         others = np.unique(mesh.with_midpoints(cut.edges[on & ~cut.left]))
-        right, missing = _across(mesh.nodes, left, others)
+        right, missing = _match_vertices(mesh.nodes, left, others)
         if number in cut.points or missing.any() or len(others) != len(left) or not len(edges):
             raise SceneError(
                 f"{label} couples two sides, and has only one on this mesh, or three and more; end it off the rim and "
@@ -164,7 +164,7 @@ def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
     return ties
 
 
-def _across(vertices: Floats, left: Ints, right: Ints) -> tuple[Ints, Bools]:
+def _match_vertices(vertices: Floats, left: Ints, right: Ints) -> tuple[Ints, Bools]:
     """Return the vertex of ``right`` at the point of each of ``left`` (k,), -1 for none, and (k,) which have none."""
     places = {point.tobytes(): int(vertex) for point, vertex in zip(vertices[right], right, strict=True)}
     partners = np.array([places.get(point.tobytes(), -1) for point in vertices[left]], dtype=np.int64)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.elements import shape_at
-from cpmkit_fem.surface_mapping import jacobians, unfold
+from cpmkit_fem.surface_mapping import jacobians, measure_and_pseudoinverse
 from scipy.sparse import coo_array
 from skfem import Basis, BilinearForm, ElementTriP1, MeshTri
 from skfem.helpers import dot, grad
@@ -90,7 +90,7 @@ def test_pseudo_inverses_undo_jacobians_within_the_tangent_plane(octahedron, deg
         vertices = np.concatenate([vertices, middles])
     shape = shape_at(2, degree, np.array([[0.2, 0.0, 1.0], [0.3, 0.0, 0.0]]))
     jacobian = jacobians(vertices, faces, shape)
-    measure, inverse = unfold(jacobian)
+    measure, inverse = measure_and_pseudoinverse(jacobian)
     assert jacobian.shape == (2, 3, len(faces), 1 if degree == 1 else 3)
     product = np.einsum("idmq,jdmq->ijmq", inverse, jacobian)
     np.testing.assert_allclose(product, np.broadcast_to(np.eye(2)[:, :, None, None], product.shape), atol=1e-12)

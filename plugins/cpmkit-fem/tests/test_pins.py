@@ -18,7 +18,7 @@ def pinned(vertices, faces, curve):
     scene = ck.Scene(surface, ck.Laplace(), [ck.Boundary("curve", curve, both=ck.Dirichlet(0.0))])
     mesh = triangulate(scene, None)
     (part,) = pinned_vertices(scene, mesh)
-    return mesh, part.on
+    return mesh, part.vertex_numbers
 
 
 @pytest.mark.parametrize("height", [1.0, 0.3])
