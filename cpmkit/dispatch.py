@@ -104,9 +104,9 @@ def resolve_options(
         of_solver = (*declared_options(SolverOptions), *(SOLVER_OPTIONS["auto"] if built_in else rest))
         check_keys(plugin.discretize, label, options, (*declared_options(Checkpointing), *of_solver))
         table = {"scene": scene, "spacing": spacing, "progress": progress, **of_plugin}
-        return lambda: call(plugin.discretize, label, table), SolverOptions.of(rest), None
+        return lambda: call(plugin.discretize, label, table), SolverOptions.from_keywords(rest), None
     target, rest = options_of(scene, spacing, options)
-    solver = SolverOptions.of(
+    solver = SolverOptions.from_keywords(
         rest, (*every_option(), *declared_options(AccuracyTarget), *declared_options(Checkpointing))
     )
     form = module_of(target.form)

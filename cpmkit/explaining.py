@@ -66,7 +66,7 @@ def explain(
     """
     with shown_progress(progress) as shown:
         target, rest = options_of(scene, spacing, options)
-        solver = SolverOptions.of(rest, every_option()).solver
+        solver = SolverOptions.from_keywords(rest, every_option()).solver
         module_of(target.form).check(scene, target)
         model = cost_model(scene, target)
         with explain_memory_error(scene, target, solver):

@@ -133,7 +133,7 @@ class Prepared(Generic[Family]):
         It is cached, with its factors and multigrid levels, for further calls; for the same solver it is this object.
         Raises InputError if there is no such solver, or it has no such option.
         """
-        target = SolverOptions.of({"solver": solver, **options})
+        target = SolverOptions.from_keywords({"solver": solver, **options})
         if target == self.solver:
             return self
         key = repr(target)

@@ -142,10 +142,10 @@ class AdaptiveRun:
             origin=origin,
             **self.chosen_options,
         )
-        self.solves.append(self._timed(purpose, solution, time.perf_counter() - began))
+        self.solves.append(self._make_timed_solve(purpose, solution, time.perf_counter() - began))
         return self.last
 
-    def _timed(self, purpose: Purpose, solution: SolutionRecord, seconds: float) -> TimedSolve:
+    def _make_timed_solve(self, purpose: Purpose, solution: SolutionRecord, seconds: float) -> TimedSolve:
         """Return the record of a solve of ``seconds``, with its error from a coarser solution and from it alone.
 
         An estimate is None, its error NaN, if no coarser solution serves for a comparison, or the form has none.

@@ -110,13 +110,13 @@ def _refine(run: AdaptiveRun) -> None:
         start, slope = _seconds_line(run)
         if here / goal > WORTH_COMPANION:
             between = max(math.sqrt(goal * here), MOST_FACTOR * goal, farthest)
-            run.solve("companion", between, start + slope * growth.at(between))
+            run.solve("companion", between, start + slope * growth.count_at(between))
             continue
         goal = max(goal, farthest)
         if here / goal < LEAST_RATIO:
             break
         answers += 1
-        run.solve("answer" if answers == 1 else "correction", goal, start + slope * growth.at(goal))
+        run.solve("answer" if answers == 1 else "correction", goal, start + slope * growth.count_at(goal))
 
 
 def _takes_cubic_splines(run: AdaptiveRun, tolerance: float) -> bool:

@@ -327,7 +327,7 @@ def with_look(request: OutputRequest, field: str | None, look: Sequence[str], es
         )
     if said and request.picture is not None:
         changes = dict(map(_key_and_value, look)) | ({"field": field} if field else {})
-        options = vars(Look.of({**request.picture.look, **changes}))
+        options = vars(Look.from_options({**request.picture.look, **changes}))
         request = replace(request, picture=replace(request.picture, **options))
     if request.wants_error and estimate is False:
         raise InputError("the picture shows the error, and --no-estimate leaves it out; give one of them.")

@@ -254,7 +254,7 @@ class SolveContext:
 
     def prepare_system(self, operator: Operator) -> PreparedSystem:
         """Return ``operator`` with its prepared solver and the constant functions of the form."""
-        constants = ConstantFunctions.of(operator, self.discretized.constant)
+        constants = ConstantFunctions.from_functions(operator, self.discretized.constant)
         return PreparedSystem(operator, self.prepare(operator), constants)
 
     def report(self, converged: bool, iterations: int, products: int, residual: float, reason: str) -> SolveReport:

@@ -55,7 +55,7 @@ def solve_coupled(context: SolveContext) -> SolutionRecord:
     built = time.perf_counter()
     guess = None if context.guess is None else context.guess.reshape(-1, 1)
     each_channel = np.asarray(np.kron(form.constant, np.eye(channels)), dtype=np.float64)
-    constants = ConstantFunctions.of(operator, each_channel)
+    constants = ConstantFunctions.from_functions(operator, each_channel)
     values, report = constants.solve(prepared, b, context.tolerance, guess, context.progress)
     common = context.common_fields(operator, report, built)
     return SolutionRecord(values=values.reshape(-1, channels), warnings=form.warnings(), **common)

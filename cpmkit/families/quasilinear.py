@@ -93,7 +93,7 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
         u = _solve_linear(context, replace(terms, diffusivity=1.0)).values
     penalty_scale = None
     if problem.uniform_penalty:  # the geometric mean of the diffusivity
-        a = problem.diffusivity_of_u.at(form.at_points(u)[:, 0], form.gradient(u)[:, 0], form.points.copy())
+        a = problem.diffusivity_of_u.evaluate(form.at_points(u)[:, 0], form.gradient(u)[:, 0], form.points.copy())
         penalty_scale = float(np.exp(np.log(a).mean()))
     steps = Steps(context, terms, problem.diffusivity_of_u, form.load(terms.f), penalty_scale)
     taken: _Steps = []
@@ -172,7 +172,7 @@ def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float |
     density = problem.energy(slopes)
     if density is None:
         return None
-    a = steps.law.at(form.at_points(u)[:, 0], slopes, form.points.copy())
+    a = steps.law.evaluate(form.at_points(u)[:, 0], slopes, form.points.copy())
     total = integrals(form, form.project((density - 0.5 * a * np.sum(slopes**2, axis=1))[:, None]))
     rest = np.sum(u * (0.5 * state.stiffness.apply(u) - state.b))
     return None if total is None else float(total[0] + rest)

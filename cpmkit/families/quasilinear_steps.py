@@ -48,7 +48,7 @@ class Steps:
     def frozen_terms(self, u: Floats) -> Terms:
         """Return the terms with the diffusivity evaluated at u (n, 1), independent of the solution."""
         scale = None if self.penalty_scale is None else self._scale_at
-        return replace(self.terms, diffusivity=StateDependentCoefficient(self.law.at, u, scale))
+        return replace(self.terms, diffusivity=StateDependentCoefficient(self.law.evaluate, u, scale))
 
     def _scale_at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return the penalty scale (k,) at k points; u (k,) gives k, and ``slopes`` and ``points`` are not used."""
@@ -78,7 +78,7 @@ class Steps:
         Raises ConvergenceError if no step length reduces the residual enough, or a linear solve fails.
         """
         form = self.context.discretized
-        scale = self.law.at if self.penalty_scale is None else self._scale_at
+        scale = self.law.evaluate if self.penalty_scale is None else self._scale_at
         coefficient = StateDependentCoefficient(self.law.flux_by_gradient, state.u, scale)
         tangent = form.stiffness(replace(self.terms, diffusivity=coefficient))
         drift = None

@@ -215,7 +215,7 @@ class CostModel(ABC, Generic[Own]):
         """
         m = largest_dim(self.scene.surface)
         growths = {name: growth_through((spacing, fine[name]), (2 * spacing, coarse[name]), m) for name in fine}
-        return {name: round(max(growth.at(self.options.spacing), fine[name])) for name, growth in growths.items()}
+        return {name: round(max(growth.count_at(self.options.spacing), fine[name])) for name, growth in growths.items()}
 
     def band_unknowns(self, source: LocalSource) -> float:
         """Return the approximate number of unknowns in a band around ``source`` at the spacing; 0 for a point."""
@@ -225,7 +225,7 @@ class CostModel(ABC, Generic[Own]):
         levels = cell_levels(source, self.options.spacing, base_offset(degree))
         side, blocks = next((side, blocks) for side, blocks in levels if side == 1 or len(blocks) > COUNTED_CELLS)
         if side == 1:
-            return float(len(stencil_codes(blocks, Codes.around(blocks, degree + 1), degree)))
+            return float(len(stencil_codes(blocks, Codes.from_points(blocks, degree + 1), degree)))
         return nodes_of_blocks(len(blocks), side, source.dim, source.largest_dim, degree)
 
 
@@ -240,7 +240,7 @@ class Growth:
     b: float
     m: int
 
-    def at(self, spacing: float) -> float:
+    def count_at(self, spacing: float) -> float:
         """Return the number at a spacing."""
         return self.a / spacing**self.m + self.b / spacing ** (self.m - 1)
 

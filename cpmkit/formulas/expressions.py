@@ -236,7 +236,7 @@ def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) ->
     derivatives = Derivatives(steps)
 
     def derivatives_of(places: Sequence[int], name: str) -> list[int]:
-        results = [derivatives.of(place, name) for place in places]
+        results = [derivatives.find_derivative(place, name) for place in places]
         return [zero if result is None else result for result in results]
 
     values = [steps.add_tree(tree) for tree in trees]
@@ -263,7 +263,7 @@ class Derivatives:
         self.steps = steps
         self._known: dict[tuple[int, str], int | None] = {}
 
-    def of(self, place: int, name: str) -> int | None:
+    def find_derivative(self, place: int, name: str) -> int | None:
         """Return the place of the derivative of the value at ``place`` by the variable ``name``; None if it is zero."""
         for earlier in self.steps.dependencies([place]):
             if (earlier, name) not in self._known:

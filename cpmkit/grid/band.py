@@ -130,7 +130,7 @@ def build_band(source: LocalSource, spacing: float, degree: int, progress: Progr
         raise ResolutionError(
             "The source has no point inside its bounds: its closest points and bounds contradict each other."
         )
-    codes = Codes.around(cells, degree + 2)
+    codes = Codes.from_points(cells, degree + 2)
     inner = stencil_codes(cells, codes, degree)
     reach = range(-1, 2)
     around = [codes.dilate(inner, axis, reach) for axis in range(source.dim)]

@@ -92,7 +92,7 @@ class Codes:
     shape: Ints  #: (d,): points per axis.
 
     @classmethod
-    def around(cls, points: Ints, margin: int) -> Codes:
+    def from_points(cls, points: Ints, margin: int) -> Codes:
         """Return the numbering of the bounding box of integer ``points`` (n, d), widened by ``margin`` on each side.
 
         Raises ResolutionError if the box has more than 2^62 points.

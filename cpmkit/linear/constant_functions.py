@@ -27,7 +27,7 @@ class RowGroups:
     starts: Ints  #: (groups,): position in ``order`` of the first row of each group.
 
     @classmethod
-    def of(cls, count: int, label: Ints) -> RowGroups:
+    def from_numbers(cls, count: int, label: Ints) -> RowGroups:
         """Return ``count`` groups of rows from the group number (n,) of each row, 0 to ``count`` - 1."""
         if count == 1:
             return cls(np.zeros(1, dtype=np.int64), slice(None), np.zeros(1, dtype=np.int64))
@@ -35,7 +35,7 @@ class RowGroups:
         members = np.bincount(label, minlength=count)
         return cls(label, order, np.cumsum(members) - members)
 
-    def at(self, values: Any) -> Any:
+    def spread_to_rows(self, values: Any) -> Any:
         """Return for each row its group's entry of ``values`` (groups, ...): (n, ...), or (1, ...) for one group."""
         return values if len(self.starts) == 1 else values[self.label]
 
@@ -74,9 +74,9 @@ class ConstantFunctions:
     pieces: RowGroups  #: The connected components of A.
 
     @classmethod
-    def of(cls, operator: Operator, functions: Floats) -> ConstantFunctions:
+    def from_functions(cls, operator: Operator, functions: Floats) -> ConstantFunctions:
         """Return the constant ``functions`` K (n, k) of an operator A with A K and the connected components of A."""
-        pieces = RowGroups.of(*operator.pieces())
+        pieces = RowGroups.from_numbers(*operator.pieces())
         sizes = pieces.sums(np.abs(operator.diagonal) * functions**2)
         return cls(functions, operator.apply(functions), sizes, pieces)
 
@@ -90,7 +90,7 @@ class ConstantFunctions:
         ``guess`` (n, channels) is an initial guess of u, None for none. Raises ConvergenceError as ``prepared.solve``
         does.
         """
-        each, at = self.pieces, self.pieces.at
+        each, at = self.pieces, self.pieces.spread_to_rows
         # By powers of two, so that squares of b neither overflow nor vanish.
         exponent = np.clip(np.frexp(each.reduced(np.maximum, np.abs(b)))[1], -1000, 1000)
         b = b * at(np.ldexp(1.0, -exponent))
@@ -121,7 +121,7 @@ class ConstantFunctions:
 
     def _constant(self, shares: Any) -> Any:
         """Return K c (n, channels) for the coefficients c (pieces, k, channels) of the k constant functions."""
-        return np.einsum("nk,nkc->nc", self.functions, self.pieces.at(shares))
+        return np.einsum("nk,nkc->nc", self.functions, self.pieces.spread_to_rows(shares))
 
     def _separate(self, b: Any) -> tuple[Any, Any]:
         """Return the least squares solution c (pieces, k, channels) of ``A K c = b``, and ``b - A K c`` (n, channels).
@@ -134,7 +134,7 @@ class ConstantFunctions:
         shares, rest = np.zeros(1), b
         for _ in range(2):
             shares = shares + inverse @ self.pieces.products(conjugate, rest)
-            rest = b - np.einsum("nk,nkc->nc", self.images, self.pieces.at(shares))
+            rest = b - np.einsum("nk,nkc->nc", self.images, self.pieces.spread_to_rows(shares))
         return shares, rest
 
     def cancellation_warnings(self, b: Floats, u: Floats) -> tuple[str, ...]:

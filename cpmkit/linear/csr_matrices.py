@@ -37,7 +37,7 @@ class UnsignedCsr:
     width: int  #: Number of columns, m.
 
     @classmethod
-    def of(cls, matrix: csr_array, kind: Any = np.float64) -> UnsignedCsr:
+    def from_matrix(cls, matrix: csr_array, kind: Any = np.float64) -> UnsignedCsr:
         """Return the SciPy ``matrix`` in this form, with entries of the type ``kind``."""
         indices = matrix.indices
         columns = indices.view(np.uint32) if indices.dtype == np.int32 else indices.astype(np.uint32)
@@ -123,7 +123,7 @@ class SymmetricCsr:
     entries: Any
 
     @classmethod
-    def of(cls, matrix: csr_array, kind: Any = np.float64) -> SymmetricCsr:
+    def from_matrix(cls, matrix: csr_array, kind: Any = np.float64) -> SymmetricCsr:
         """Return the SciPy ``matrix`` in this form, with entries of the type ``kind``."""
         from cpmkit.linear.csr_kernels import upper_half
 

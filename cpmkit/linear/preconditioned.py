@@ -41,7 +41,7 @@ class PreconditionedCG(KrylovSolver):
     def _matrix(self) -> UnsignedCsr | SymmetricCsr:
         """A without its border, in the storage with the fastest products."""
         matrix = self.operator.to_csr()
-        return UnsignedCsr.of(matrix) if uses_threads(matrix.nnz) else SymmetricCsr.of(matrix)
+        return UnsignedCsr.from_matrix(matrix) if uses_threads(matrix.nnz) else SymmetricCsr.from_matrix(matrix)
 
     def correct(self, residual: Floats, target: Floats, most: int, progress: Progress) -> tuple[Floats, int, int]:
         """Return x (n, k) with ``A x = residual``, the iterations and products; see :meth:`KrylovSolver.correct`."""

@@ -123,7 +123,7 @@ class SolverOptions(DeclaredOptions):
         return 1e-10 if self.solver_tolerance is None else self.solver_tolerance
 
     @classmethod
-    def of(cls, keywords: Mapping[str, Any], others: Iterable[str] = ()) -> SolverOptions:
+    def from_keywords(cls, keywords: Mapping[str, Any], others: Iterable[str] = ()) -> SolverOptions:
         """Return the options from ``keywords``; those that are not declared here are options of the solver itself.
 
         The InputError for an unknown option suggests a similar name, among those of ``others`` too.

@@ -133,7 +133,7 @@ class StateDiffusivity:
         del points
         raise SceneError("the diffusivity depends on u, and is not known before u is; use cpmkit.solve.")
 
-    def at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+    def evaluate(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return a (k,) at ``points`` (k, d) where u is (k,) and its tangential gradient is ``slopes`` (k, d)."""
         return self._values(self.function, u, np.linalg.norm(slopes, axis=1), points)
 
@@ -141,7 +141,7 @@ class StateDiffusivity:
         """Return the derivative (k, d, d) of a grad u with respect to grad u, a I + s da/ds e e' with e along grad u.
 
         Its eigenvalue along e, a + s da/ds, is raised to a / 1000 where it is smaller, so that the tensor stays
-        positive. Arguments as for :meth:`at`.
+        positive. Arguments as for :meth:`evaluate`.
         """
         s = np.linalg.norm(slopes, axis=1)
         a = self._values(self.function, u, s, points)
@@ -156,7 +156,7 @@ class StateDiffusivity:
         return np.asarray(a[:, None, None] * np.eye(slopes.shape[1]) + along[:, None, None] * squares)
 
     def flux_by_value(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
-        """Return the derivative (k, d) of a grad u with respect to u, da/du grad u; arguments as for :meth:`at`."""
+        """Return the derivative (k, d) of a grad u by u, da/du grad u; arguments as for :meth:`evaluate`."""
         s = np.linalg.norm(slopes, axis=1)
         if self.by_value is not None:
             rate = self._values(self.by_value, u, s, points, " by u")

@@ -58,7 +58,7 @@ class SampledBoundary:
     spacing: float  #: Distance between the samples.
 
     @classmethod
-    def of(cls, source: LocalSource, surface: LocalSource, dimension: int) -> SampledBoundary:
+    def sample(cls, source: LocalSource, surface: LocalSource, dimension: int) -> SampledBoundary:
         """Return ``source`` sampled at the first density that determines the signs of its conormals, or at the highest.
 
         ``dimension`` is that of the manifold ``surface``. Samples at corners of a curve are left out. Directions that

@@ -197,7 +197,7 @@ def _find_left(oriented: OrientedBoundary, origin: Floats) -> Left:
     for member, original in zip(source.members, members_of(boundary.source), strict=True):
         if member.has_left:
             continue
-        part = SampledBoundary.of(member, manifold, oriented.dimension)
+        part = SampledBoundary.sample(member, manifold, oriented.dimension)
         left_of = getattr(original, "left_of", None) if boundary.left_of is None else boundary.left_of
         part, by = part.with_left_chosen(None if left_of is None else np.asarray(left_of, dtype=np.float64) - origin)
         if "rule" in by and side_points is None:

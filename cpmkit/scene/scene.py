@@ -103,12 +103,12 @@ class Scene(Generic[Family]):
                     f"of one and where it holds, got {shown(condition)}."
                 )
         arrays = VertexArrays(self.surface)
-        object.__setattr__(self, "problem", arrays.in_fields(self.problem, self.problem.kind))
-        object.__setattr__(self, "edge", map_conditions(self.edge, lambda one: arrays.in_fields(one, "the edge")))
+        object.__setattr__(self, "problem", arrays.replace_arrays(self.problem, self.problem.kind))
+        object.__setattr__(self, "edge", map_conditions(self.edge, lambda one: arrays.replace_arrays(one, "the edge")))
         boundaries = []
         for each in (as_boundary(boundary).on(self.surface) for boundary in self.boundaries):
             old = each.given_conditions
-            new = {side: arrays.in_fields(condition, f"boundary {each.name!r}") for side, condition in old.items()}
+            new = {side: arrays.replace_arrays(condition, f"boundary {each.name!r}") for side, condition in old.items()}
             boundaries.append(each if all(new[side] is old[side] for side in old) else replace(each, **new))
         object.__setattr__(self, "boundaries", tuple(boundaries))
         names = [boundary.name for boundary in self.boundaries]

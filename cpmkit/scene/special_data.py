@@ -95,7 +95,7 @@ class VertexArrays:
         self.count = surface.value_count if isinstance(surface, HasValues) else None
         self._replaced: dict[int, tuple[Any, Any]] = {}
 
-    def in_fields(self, instance: Any, label: str) -> Any:
+    def replace_arrays(self, instance: Any, label: str) -> Any:
         """Return an equation or condition with arrays replaced by vertex data; an object without arrays is unchanged.
 
         The result is cached by the object. Raises SceneError if an array has neither one row per vertex nor at most 16
@@ -114,7 +114,7 @@ class VertexArrays:
     def _datum(self, array: Any, label: str) -> Any:
         """Return an ``array`` with one row per vertex as :class:`VertexData`; other data, also tensors, unchanged.
 
-        Raises SceneError or InputError as :meth:`in_fields`; ``label`` is the name of the array in messages.
+        Raises SceneError or InputError as :meth:`replace_arrays`; ``label`` is the name of the array in messages.
         """
         if not isinstance(array, np.ndarray) or array.ndim == 0 or array.shape in TENSOR_SHAPES:
             return array

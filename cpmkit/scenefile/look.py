@@ -109,7 +109,7 @@ class Look:
             self._set("isolines", tuple(as_vector(self.isolines, np.size(self.isolines), "isolines").tolist()))
 
     @classmethod
-    def of(cls, options: Mapping[str, Any], label: str = "a picture", also: Sequence[str] = ()) -> Self:
+    def from_options(cls, options: Mapping[str, Any], label: str = "a picture", also: Sequence[str] = ()) -> Self:
         """Return the look with these ``options``; ``also`` are other options that ``label`` accepts, for messages.
 
         Raises InputError if there is no such option, or a value is not accepted.

@@ -138,7 +138,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
         keys = (SOLVER_KEYS[option] for option in declared_options(SolverOptions))
         check_accepted("[solver]", solver, (*keys, *SOLVER_OPTIONS[name]))
         with naming_table("[solver]"):
-            SolverOptions.of(renamed)
+            SolverOptions.from_keywords(renamed)
     spacing = grid.pop("spacing", None)
     return spacing, {**grid, **renamed}
 

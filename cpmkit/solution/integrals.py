@@ -152,7 +152,7 @@ def _from_bump(
     local = localize(source, np.zeros(source.dim))
     cells = surface_cells(local, spacing, 3)
     reach = int(np.ceil(BUMP_WIDTH_SPACINGS)) + 1
-    codes = Codes.around(cells, reach)
+    codes = Codes.from_points(cells, reach)
     nodes = np.unique(codes.encode(cells))
     for axis in range(source.dim):
         nodes = codes.dilate(nodes, axis, range(-reach, reach + 1))

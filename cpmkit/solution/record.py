@@ -132,7 +132,7 @@ class SolutionRecord:
 
     def error_at(self, points: Any) -> Any:
         """Return the estimated error, in the unit of u, at points of the manifold; shapes as for :meth:`evaluate`."""
-        return self._at(points, self.error.at_points)
+        return self._read_at_points(points, self.error.at_points)
 
     @overload
     def evaluate(self, points: Sequence[float], side: ReadSides = None) -> Any: ...
@@ -160,7 +160,7 @@ class SolutionRecord:
         InputError
             If a point is not finite or too far away, or a side names no boundary that has sides.
         """
-        return self._at(points, lambda rows: self._values_at(rows, side))
+        return self._read_at_points(points, lambda rows: self._values_at(rows, side))
 
     def __call__(self, points: Any, side: ReadSides = None) -> Any:
         """Return the solution at points, as :meth:`evaluate` does: a solution is a function of position."""
@@ -173,7 +173,7 @@ class SolutionRecord:
         values = self.discretized.evaluate(self.values, points, side)
         return values[:, 0] if self.channels == 1 else values
 
-    def _at(self, points: Any, read: Callable[[Any], Floats]) -> Any:
+    def _read_at_points(self, points: Any, read: Callable[[Any], Floats]) -> Any:
         """Return the result of ``read`` for points (n, d), or for one point (d,) without the axis of points."""
         try:
             one = np.shape(points) == (self.scene.surface.dim,)
@@ -241,7 +241,7 @@ class SolutionRecord:
             gradient = self.discretized.gradient(self.values, rows, side)
             return gradient[:, 0] if self.channels == 1 else gradient
 
-        return self._at(points, read)
+        return self._read_at_points(points, read)
 
     def flux(self, boundary: str | int, side: Side | None = None) -> float | Floats:
         """Return the flux out of a side of a boundary: the integral of du/db over the boundary.

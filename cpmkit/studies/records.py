@@ -212,7 +212,7 @@ def gather(records: Sequence[Record]) -> list[Series]:
 
 def _series_key(record: Record) -> tuple[Any, ...]:
     """Return (method, options as pairs, name of the accuracy target or ""), which identify a record's series."""
-    run = Run.of(record)
+    run = Run.from_record(record)
     return run.method, run.options, next(iter(run.target), "")
 
 

@@ -159,7 +159,7 @@ def solve_by_fixed_nodes(
     clock = [time.perf_counter()]
     bare = replace(scene, boundaries=())
     target, rest = options_of(scene, spacing, {**options, "form": "collocation"})
-    solver = SolverOptions.of(rest)
+    solver = SolverOptions.from_keywords(rest)
     form = discretize(bare, target, progress)
     tables = form.tables
     sources = [localize(boundary.source, tables.layout.lattice.origin) for boundary in scene.boundaries]
@@ -247,7 +247,7 @@ def _without_fixed_nodes(
     side (f, channels).
     """
     free, diagonal = np.flatnonzero(~fixed), operator.diagonal
-    b = b + operator.spread(operator.extension[:, np.flatnonzero(fixed)] @ values[fixed])
+    b = b + operator.datum_load(operator.extension[:, np.flatnonzero(fixed)] @ values[fixed])
     diagonal = diagonal[free] if isinstance(diagonal, np.ndarray) else diagonal
     extension, differences = operator.extension[:, free], operator.differences[free]
     return replace(operator, extension=extension, differences=differences, diagonal=diagonal), b[free]

@@ -208,7 +208,7 @@ def run_study(
     file = folder / RECORDS_FILE
     check_place(file)
     drop_unfinished_line(file)
-    done = {Run.of(record) for record in read_records(file) if record["content"] == study.content}
+    done = {Run.from_record(record) for record in read_records(file) if record["content"] == study.content}
     pending = [run for run in runs if run not in done]
     if not pending:
         return Outcome(0, len(runs), 0, file)

@@ -191,7 +191,7 @@ class Run:
     targets: tuple[tuple[str, float], ...] = ()
 
     @classmethod
-    def of(cls, record: Mapping[str, Any]) -> Run:
+    def from_record(cls, record: Mapping[str, Any]) -> Run:
         """Return the run of a record; options that an older record lacks have their defaults."""
         names, form = listed_of(record["method"]), _form_options_of(record["method"])
         options = tuple((name, record.get(name, getattr(form, name))) for name in names)

@@ -67,7 +67,7 @@ def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKe
     MissingDependencyError
         If matplotlib, which draws the text, is not installed.
     """
-    look = Look.of(options)
+    look = Look.from_options(options)
     path = check_picture(path, look)
     image, camera = render(solution, look)
     write_png(path, image / 255)
@@ -205,7 +205,7 @@ def animate(solution: SolutionRecord, path: str | Path, fps: float = 12.0, **opt
     MissingDependencyError
         If matplotlib or the library that writes the film is not installed.
     """
-    look = Look.of({"width": 700, **options}, "a film", ("fps",))
+    look = Look.from_options({"width": 700, **options}, "a film", ("fps",))
     check_look(look)
     path, fps = Path(path), positive(fps, "fps")
     check_film(path)

@@ -38,7 +38,7 @@ def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
     ``**options``: options of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are not drawn. Raises
     InputError if an option is not accepted or the surface has no mesh, MissingDependencyError without matplotlib.
     """
-    look = Look.of(options, "a page")
+    look = Look.from_options(options, "a page")
     check_look(look)
     mesh, fields, bar = _slider_fields(solution, look)
     camera, curves, pins = fit_camera(solution, mesh, look, 800)  # only the ratio of the width to the height matters
@@ -152,7 +152,7 @@ def plot(solution: SolutionRecord, axes: Any = None, **options: Unpack[LookKeywo
     """Draw a solution on axes of matplotlib, by default those of a new figure, and return them."""
     from matplotlib import pyplot
 
-    look = Look.of({"width": 900, **options}, "a plot", ("axes",))
+    look = Look.from_options({"width": 900, **options}, "a plot", ("axes",))
     check_look(look)
     image, _ = render(solution, look)
     if axes is None:

@@ -74,7 +74,7 @@ def test_a_source_without_abilities_gives_the_same_band():
 
 def test_a_point_outside_the_numbered_box_has_no_code():
     """Its number would be that of another point: (0, 3) is numbered as (1, 0) is, in a box of 2 by 3."""
-    codes = Codes.around(np.array([[0, 0], [1, 2]]), 0)
+    codes = Codes.from_points(np.array([[0, 0], [1, 2]]), 0)
     inside = np.array([[0, 0], [1, 0], [1, 2]])
     np.testing.assert_array_equal(codes.decode(codes.encode(inside)), inside)
     np.testing.assert_array_equal(codes.encode(np.array([[0, 3], [-1, 5], [2, 0], [0, -1]])), -1)

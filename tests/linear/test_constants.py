@@ -36,7 +36,7 @@ def exact(operator, u, shift):
 def test_what_varies_is_solved_to_the_tolerance_wherever_zero_lies(solver, shift):
     operator, u = made(), np.sin(np.linspace(0, 7, N))[:, None]
     b, wanted = exact(operator, u, shift)
-    constants = ConstantFunctions.of(operator, np.ones((N, 1)))
+    constants = ConstantFunctions.from_functions(operator, np.ones((N, 1)))
     found, report = constants.solve(solver.prepare(operator), b, TOLERANCE)
     assert report.converged
     assert report.residual <= report.tolerance == TOLERANCE
@@ -46,7 +46,7 @@ def test_what_varies_is_solved_to_the_tolerance_wherever_zero_lies(solver, shift
 def test_each_channel_has_a_constant_of_its_own_and_a_guess_is_moved_with_it():
     operator, u = made(), np.stack([np.sin(np.arange(N)), np.cos(np.arange(N))], axis=1)
     b, wanted = exact(operator, u, [1e8, 0.0])
-    found, report = ConstantFunctions.of(operator, np.ones((N, 1))).solve(
+    found, report = ConstantFunctions.from_functions(operator, np.ones((N, 1))).solve(
         make_solver("reference", {}).prepare(operator), b, TOLERANCE, wanted
     )
     assert report.iterations == 0  # the guess is the solution
@@ -56,7 +56,7 @@ def test_each_channel_has_a_constant_of_its_own_and_a_guess_is_moved_with_it():
 def test_a_solution_that_is_constant_is_exact_and_takes_no_iterations():
     operator = made()
     b = operator.apply(np.full((N, 1), 0.3))
-    found, report = ConstantFunctions.of(operator, np.ones((N, 1))).solve(
+    found, report = ConstantFunctions.from_functions(operator, np.ones((N, 1))).solve(
         make_solver("reference", {}).prepare(operator), b, TOLERANCE
     )
     assert report.iterations == 0
@@ -73,7 +73,7 @@ def test_what_rounding_makes_of_b_is_not_resolved():
             target.append((rest, tolerance))
             return make_solver("direct", {}).prepare(operator).solve(rest, tolerance)
 
-    _, report = ConstantFunctions.of(operator, np.ones((N, 1))).solve(Prepared(), b, 1e-12)
+    _, report = ConstantFunctions.from_functions(operator, np.ones((N, 1))).solve(Prepared(), b, 1e-12)
     rest, tolerance = target[0]
     scale = np.linalg.norm(b) / np.abs(b).max()  # b is scaled by a power of two near its largest entry
     assert tolerance * np.linalg.norm(rest) == pytest.approx(8.9e-16 * scale, rel=1.0)
@@ -85,7 +85,7 @@ def test_what_rounding_makes_of_b_is_not_resolved():
 @pytest.mark.parametrize("solver", [make_solver("direct", {}), make_solver("reference", {})])
 def test_scaled_data_have_the_scaled_solution(scale, solver):
     operator, b = made(), np.sin(np.arange(N))[:, None]
-    constants, prepared = ConstantFunctions.of(operator, np.ones((N, 1))), solver.prepare(operator)
+    constants, prepared = ConstantFunctions.from_functions(operator, np.ones((N, 1))), solver.prepare(operator)
     one, many = (constants.solve(prepared, data, 1e-12)[0] for data in (b, scale * b))
     np.testing.assert_allclose(many / scale, one, rtol=1e-7, atol=1e-7 * np.abs(one).max())
 
@@ -100,7 +100,7 @@ def test_pieces_where_a_constant_is_free_are_apart_from_those_that_hold_a_value(
     u = np.sin(np.arange(2 * N))[:, None]
     u[:N] -= u[:N].mean()
     wanted = u + 1e9 * (1 - on)[:, None]
-    found, _ = ConstantFunctions.of(whole, np.ones((2 * N, 1))).solve(
+    found, _ = ConstantFunctions.from_functions(whole, np.ones((2 * N, 1))).solve(
         make_solver("direct", {}).prepare(whole), operator.apply(wanted), 1e-10
     )
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-4)  # 1e9 times rounding and the condition number
@@ -113,7 +113,7 @@ def test_pieces_that_nothing_couples_are_solved_to_the_tolerance_each(solver):
     operator = made(csr_array(block_diag([laplacian()] * 4).tocsr()))
     constant, size = (np.repeat(one, N)[:, None] for one in ([1e9, 0.0, 1e-20, 0.0], [1.0, 1e-6, 1e-20, 0.0]))
     wanted = constant + size * np.sin(np.linspace(0, 28, 4 * N))[:, None]
-    constants = ConstantFunctions.of(operator, np.ones((4 * N, 1)))
+    constants = ConstantFunctions.from_functions(operator, np.ones((4 * N, 1)))
     found, report = constants.solve(solver.prepare(operator), operator.apply(wanted), TOLERANCE)
     assert report.residual <= report.tolerance == TOLERANCE
     assert np.all(np.abs(found - wanted) <= 1e3 * (TOLERANCE * size + np.finfo(float).eps * constant))
@@ -123,7 +123,7 @@ def test_complex_systems_have_complex_constants():
     operator = ComplexShift(made(laplacian(ends=0.0)), 0.5)
     u = np.sin(np.arange(N))[:, None] + 1j * np.cos(np.arange(N))[:, None]
     wanted = u + 1e8 * (1 + 2j)
-    constants = ConstantFunctions.of(operator, np.ones((N, 1)))
+    constants = ConstantFunctions.from_functions(operator, np.ones((N, 1)))
     found, report = constants.solve(make_solver("direct", {}).prepare(operator), operator.apply(wanted), 1e-10)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-5)
     assert report.residual <= 1e-10
@@ -132,7 +132,7 @@ def test_complex_systems_have_complex_constants():
 def test_a_mean_that_is_a_sum_that_cancels_is_warned_of():
     tiny = made((laplacian(ends=0.0) + 1e-10 * eye_array(N)).tocsr())
     f = np.sin(2 * np.pi * np.arange(N) / N)[:, None]
-    constants = ConstantFunctions.of(tiny, np.ones((N, 1)))
+    constants = ConstantFunctions.from_functions(tiny, np.ones((N, 1)))
     u, _ = constants.solve(make_solver("direct", {}).prepare(tiny), f + 1e-7, TOLERANCE)
     assert "divided by a small c" in constants.cancellation_warnings(f + 1e-7, u)[0]
     firm = f + 1e-3  # does not cancel: the mean is as good as f

@@ -51,7 +51,7 @@ def test_tolerances_and_seconds_are_runs_beside_spacings():
     assert [(run.spacing, run.target) for run in cheap] == [
         (0.2, {}), (None, {"tolerance": 1e-2}), (None, {"seconds": 1.0}),
     ]  # fmt: skip
-    assert all(Run.of({**run.as_dict(), "spacing": run.spacing or 0.07}) == run for run in runs)
+    assert all(Run.from_record({**run.as_dict(), "spacing": run.spacing or 0.07}) == run for run in runs)
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
     _check_fits(iteration, count, width)
     target = 0.5 * iteration.context.tolerance  # residuals are recomputed at the end
     start = np.random.default_rng(0).normal(size=(iteration.operator.size, width))
-    first = iteration.apply_preconditioner(iteration.image(start))
+    first = iteration.apply_preconditioner(iteration.apply_mass(start))
     block = _block_of(iteration, _orthonormal(iteration, first))
     theta, block, past = _rayleigh_ritz([block], block.functions.shape[1], np.zeros(0, dtype=np.int64))
     active = np.arange(len(theta))
@@ -95,7 +95,7 @@ def _relative_changes(iteration: InverseIteration, corrections: Floats, theta: F
 def _block_of(iteration: InverseIteration, functions: Floats) -> FunctionBlock:
     """Return the block of ``functions`` (n, k) with its products, which are counted in ``iteration.products``."""
     iteration.products += functions.shape[1]
-    return FunctionBlock(functions, iteration.operator.apply(functions), iteration.image(functions))
+    return FunctionBlock(functions, iteration.operator.apply(functions), iteration.apply_mass(functions))
 
 
 def _orthonormal(iteration: InverseIteration, functions: Floats, blocks: Sequence[FunctionBlock] = ()) -> Floats:

@@ -58,13 +58,13 @@ class InverseIteration:
         """The preconditioner that approximates a solve; None for unsymmetric problems and for direct solvers."""
         return self.prepared if self.symmetric and isinstance(self.prepared, PreconditionedCG) else None
 
-    def image(self, v: Floats) -> Floats:
+    def apply_mass(self, v: Floats) -> Floats:
         """Return B v for v (n,) or (n, k)."""
         return v if self.mass is None else np.asarray(self.mass.apply(v))
 
     def step(self, v: Floats) -> Floats:
         """Return ``(A - sigma B)^-1 B v`` for v (n,) or (n, k)."""
-        return self.apply_inverse(self.image(v))
+        return self.apply_inverse(self.apply_mass(v))
 
     def apply_inverse(self, image: Floats) -> Floats:
         """Return ``(A - sigma B)^-1`` times ``image`` (n,) or (n, k), and count; raise ConvergenceError if it fails."""

@@ -187,7 +187,7 @@ def _rounding_change(iteration: InverseIteration, modes: Modes) -> float:
     """
     functions = modes.functions
     distance = np.abs(modes.values - iteration.shift)
-    bound = rounding_of(iteration.operator, functions) + distance * np.abs(iteration.image(functions))
+    bound = rounding_of(iteration.operator, functions) + distance * np.abs(iteration.apply_mass(functions))
     signs = np.random.default_rng(0).choice([-1.0, 1.0], bound.shape)
     change = iteration.apply_inverse(ROUNDING_FACTOR * np.finfo(float).eps * bound * signs)
     return float(np.sqrt(_mean_squares(iteration, change) / _mean_squares(iteration, functions)).max())

@@ -49,7 +49,7 @@ class SemiDiscrete:
         """The operator A of the first channel."""
         return self.groups[0].stiffness
 
-    def by_group(self, columns_of: Callable[[ChannelGroup], Floats]) -> Floats:
+    def compute_by_group(self, columns_of: Callable[[ChannelGroup], Floats]) -> Floats:
         """Return the array (n, channels) whose columns ``columns_of`` computes group by group."""
         if len(self.groups) == 1:
             return columns_of(self.groups[0])
@@ -86,7 +86,7 @@ class SemiDiscrete:
 
     def _condition_load(self, time: float) -> Floats:
         """Return the part (n, channels) of the forcing b that comes from boundary and edge conditions, at a time."""
-        return self.by_group(lambda group: self.columns(group, self.form.condition_load(group.stiffness, time)))
+        return self.compute_by_group(lambda group: self.columns(group, self.form.condition_load(group.stiffness, time)))
 
     def reaction_load(self, moment: Moment) -> Floats:
         """Return the load r(u) (n, channels) of the reaction at a moment.
@@ -112,7 +112,7 @@ class SemiDiscrete:
 
     def rate(self, u: Floats, time: float) -> Floats:
         """Return -A u + b(time), which is M u' or M u'' without a reaction, (n, channels)."""
-        applied = self.by_group(lambda group: group.stiffness.apply(self.columns(group, u)))
+        applied = self.compute_by_group(lambda group: group.stiffness.apply(self.columns(group, u)))
         return np.asarray(self.forcing(time) - applied)
 
 
@@ -152,7 +152,7 @@ class ShiftedSolver:
         Raises ConvergenceError if the solver does not reach the tolerance.
         """
         columns = self.problem.columns
-        return self.problem.by_group(
+        return self.problem.compute_by_group(
             lambda group: self._solve(group, factor, columns(group, right_side), columns(group, guess))
         )
 

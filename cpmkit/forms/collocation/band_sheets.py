@@ -171,7 +171,7 @@ class SurfacePoints(Rows):
     normals: Floats  #: (n, d): unit normals of the surface there.
 
     @classmethod
-    def on(cls, surface: LocalSource, points: Floats, spacing: float) -> SurfacePoints:
+    def project(cls, surface: LocalSource, points: Floats, spacing: float) -> SurfacePoints:
         """Return ``points`` (n, d), moved to their closest points on the surface, with the normals there.
 
         Normals that the surface does not give are made by differences over half the lattice's ``spacing``.
@@ -207,15 +207,15 @@ class BoundaryOnSheets:
             direction of the walk on the surface.
         Returned ``on_sheet`` (n,): False where the boundary has no part within reach that is on the point's sheet.
         """
-        targets = SurfacePoints.on(self.surface, points, self.spacing)
-        offset, on_sheet = self._offsets(SurfacePoints.on(self.surface, nearest.points, self.spacing), targets)
+        targets = SurfacePoints.project(self.surface, points, self.spacing)
+        offset, on_sheet = self._offsets(SurfacePoints.project(self.surface, nearest.points, self.spacing), targets)
         rows = np.flatnonzero(~on_sheet)
         start, has_sample = self._nearest_samples(targets.take(rows), radius)
         rows = rows[has_sample]
         if not len(rows):
             return nearest, offset, on_sheet
         feet = start.take(has_sample)
-        samples = SurfacePoints.on(self.surface, feet.points, self.spacing)
+        samples = SurfacePoints.project(self.surface, feet.points, self.spacing)
         offset[rows], on_sheet[rows] = self._offsets(samples, targets.take(rows))
         return nearest.replace_rows(rows, feet), offset, on_sheet
 

@@ -88,7 +88,7 @@ class ExtensionOperator:
     def _differences(self) -> ThreadedProduct:
         return ThreadedProduct(self.differences)
 
-    def spread(self, datum: Floats) -> Floats:
+    def datum_load(self, datum: Floats) -> Floats:
         """Return ``scale W datum`` (n, channels), the right-hand side of a datum (rows, channels) added to E u."""
         return np.asarray(self.scale * (self.differences @ datum))
 

@@ -135,7 +135,7 @@ class Collocation(Reader):
                 for datum in data
                 if isinstance(datum.law, Support)
             ]
-        spread: Floats = stiffness.spread(self._sum_of(data, time))
+        spread: Floats = stiffness.datum_load(self._sum_of(data, time))
         return spread
 
     def _sum_of(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:

@@ -102,7 +102,7 @@ class BoundaryOnLattice:
         """The boundary with its samples on each sheet, where several share a band; otherwise None."""
         if self.sheets is None:
             return None
-        samples = SurfacePoints.on(self.surface, self.samples, self.spacing)
+        samples = SurfacePoints.project(self.surface, self.samples, self.spacing)
         return BoundaryOnSheets(self.source, self.surface, samples, self.spacing, self.sheets.signed)
 
     def side_view(self, points: Floats, radius: float, spacing: float) -> SideView:

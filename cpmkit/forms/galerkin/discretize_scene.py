@@ -132,7 +132,7 @@ def solve_for_marking(form: Galerkin) -> Floats:
     operator: Any = stiffness if free is None else Bordered(stiffness, free)
     b = form.load(form.scene.problem.terms().f) + form.condition_load(stiffness)
     prepared = make_solver(form.traits.iterative_solver, {}).prepare(operator, form.levels(operator))
-    values, _ = ConstantFunctions.of(operator, form.constant).solve(prepared, b, MARKING_TOLERANCE)
+    values, _ = ConstantFunctions.from_functions(operator, form.constant).solve(prepared, b, MARKING_TOLERANCE)
     return form.remove_constants(operator, b, values)[0]
 
 

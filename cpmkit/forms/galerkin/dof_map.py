@@ -252,7 +252,7 @@ def piece_extents(points: Floats, patch: Any, label: Ints, pieces: int) -> Float
 
     ``patch`` (q,) is the patch of each of the ``points`` (q, d), ``label`` (p,) the piece of each patch.
     """
-    groups = RowGroups.of(pieces, label[patch])
+    groups = RowGroups.from_numbers(pieces, label[patch])
     return np.asarray(groups.reduced(np.maximum, points) - groups.reduced(np.minimum, points))
 
 

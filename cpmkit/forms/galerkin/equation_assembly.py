@@ -160,7 +160,7 @@ class EquationAssembly:
         """Return the condition terms with the diffusivity of the scene's equation at its solution ``u`` (n, 1)."""
         terms = self.scene.problem.terms()
         if isinstance(terms.diffusivity, StateDiffusivity):
-            state = StateDependentCoefficient(terms.diffusivity.at, u)
+            state = StateDependentCoefficient(terms.diffusivity.evaluate, u)
             return self.condition_terms(replace(terms, diffusivity=state), self.coefficients.diffusivity(state))
         return self.terms_of_scene
 

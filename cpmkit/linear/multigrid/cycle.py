@@ -66,9 +66,9 @@ class Cycle:
         if depth == len(self.smoothers):
             return np.ascontiguousarray(self.coarsest.solve(b))
         smoother, prolongation = self.smoothers[depth], self.prolongations[depth]
-        x, residual = smoother.before(b)
+        x, residual = smoother.presmooth(b)
         prolongation.add_product(x, self.apply(prolongation.apply_transposed(residual), depth + 1))
-        return smoother.after(x, b)
+        return smoother.postsmooth(x, b)
 
 
 def build_cycle(
@@ -93,7 +93,7 @@ def build_cycle(
     for level in levels:  # all coarser matrices first: temporary tables are not in memory together with smoothers
         strips.append(_without_singular(level.strip, piece))
         P = level.prolongation
-        fine, forth, back = (UnsignedCsr.of(each) for each in (matrices[-1], P, P.T.tocsr()))
+        fine, forth, back = (UnsignedCsr.from_matrix(each) for each in (matrices[-1], P, P.T.tocsr()))
         coarser = (back @ (fine @ forth)).to_csr()  # with unsorted rows
         matrices.append(coarser if level.lines is None else stabilise_lines(coarser, level.lines))
         release_memory()
@@ -109,7 +109,7 @@ def build_cycle(
     added = np.zeros(len(piece))  # one unknown of each free piece, which fixes its constant
     added[first[labels >= 0]] = pinned.diagonal().max() or 1.0
     coarsest = factorize_symmetric(with_diagonal(pinned, added), "on the coarsest level", positive=not waves)
-    prolongations = [UnsignedCsr.of(level.prolongation, kind) for level in levels]
+    prolongations = [UnsignedCsr.from_matrix(level.prolongation, kind) for level in levels]
     return Cycle(smoothers, prolongations, coarsest, kind is np.float32)
 
 
@@ -126,9 +126,9 @@ def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> Cycle:
             break
         coarser = level.prolongation.T @ matrices[-1] @ level.prolongation
         matrices.append((coarser if level.added is None else coarser + level.added).tocsr())
-        prolongations.append(UnsignedCsr.of(level.prolongation))
+        prolongations.append(UnsignedCsr.from_matrix(level.prolongation))
     coarsest = factorize_matrix(matrices.pop(), symmetric_pattern=True)
-    return Cycle([Schwarz.of(each) for each in matrices], prolongations, coarsest, False)
+    return Cycle([Schwarz.from_matrix(each) for each in matrices], prolongations, coarsest, False)
 
 
 def stabilise_lines(matrix: csr_array, lines: Ints) -> csr_array:
@@ -157,16 +157,16 @@ def _smoother(matrix: csr_array, strip: Ints, waves: bool, kind: Any, sweeps: in
     inverse = np.zeros(len(diagonal))
     inverse[swept] = 1 / diagonal[swept]
     if waves or uses_threads(matrix.nnz):
-        compiled = UnsignedCsr.of(matrix, kind)
+        compiled = UnsignedCsr.from_matrix(matrix, kind)
         largest = EIGENVALUE_MARGIN * largest_eigenvalue(compiled, inverse)
         smoother: Smoother = Chebyshev(compiled, inverse, largest)
     else:
-        smoother = GaussSeidel(SymmetricCsr.of(matrix, kind), inverse, sweeps)
+        smoother = GaussSeidel(SymmetricCsr.from_matrix(matrix, kind), inverse, sweeps)
     if not len(strip):
         return smoother
     rows = matrix[strip].tocsr()
     factors = factorize_symmetric(rows[:, strip].tocsr(), "beside boundaries", positive=not waves)
-    return WithStrip(smoother, strip, UnsignedCsr.of(rows, kind), factors)
+    return WithStrip(smoother, strip, UnsignedCsr.from_matrix(rows, kind), factors)
 
 
 def _without_singular(strip: Ints, piece: Ints) -> Ints:

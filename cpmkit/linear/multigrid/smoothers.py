@@ -35,13 +35,13 @@ class Smoother(Protocol):
     def products(self) -> int:
         """The number of products with A before and after the coarser level together."""
 
-    def before(self, b: Floats, /) -> tuple[Floats, Floats]:
+    def presmooth(self, b: Floats, /) -> tuple[Floats, Floats]:
         """Return x and ``b - A x``, both (n, channels), after steps from zero."""
 
-    def after(self, x: Floats, b: Floats, /) -> Floats:
+    def postsmooth(self, x: Floats, b: Floats, /) -> Floats:
         """Return x (n, channels) after further steps for ``A x = b``; x may be overwritten.
 
-        In a symmetric cycle they are the adjoint of :meth:`before`.
+        In a symmetric cycle they are the adjoint of :meth:`presmooth`.
         """
 
 
@@ -58,7 +58,7 @@ class Chebyshev:
     largest: float  #: Upper end of the interval of damped eigenvalues, an upper bound of all eigenvalues.
     products: int = 6
 
-    def before(self, b: Floats) -> tuple[Floats, Floats]:
+    def presmooth(self, b: Floats) -> tuple[Floats, Floats]:
         """Return x and ``b - A x``, both (n, channels), after three steps from zero (Saad 2003, algorithm 12.1)."""
         centre, radius = self.largest * (1 + SMOOTHED_SHARE) / 2, self.largest * (1 - SMOOTHED_SHARE) / 2
         rho = radius / centre
@@ -70,9 +70,9 @@ class Chebyshev:
             rho = after
         return x, self.matrix.residual(x, b)
 
-    def after(self, x: Floats, b: Floats) -> Floats:
+    def postsmooth(self, x: Floats, b: Floats) -> Floats:
         """Return a new x (n, channels) after three steps for ``A x = b`` from x; they are their own adjoint."""
-        return x + self.before(self.matrix.residual(x, b))[0]
+        return x + self.presmooth(self.matrix.residual(x, b))[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class GaussSeidel:
         """The number of products with A that take as much time as all sweeps."""
         return 2 * self.sweeps
 
-    def before(self, b: Floats) -> tuple[Floats, Floats]:
+    def presmooth(self, b: Floats) -> tuple[Floats, Floats]:
         """Return x and ``b - A x``, both (n, channels), after backward sweeps (last equation first) from zero."""
         from cpmkit.linear.csr_kernels import sweep_backward
 
@@ -103,8 +103,8 @@ class GaussSeidel:
             sweep_backward(A.pointers, A.columns, A.entries, self.inverse, rest, u)
         return np.ascontiguousarray(u.T), np.ascontiguousarray(rest.T)
 
-    def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x (n, channels) after forward sweeps for ``A x = b``, the adjoint of :meth:`before`."""
+    def postsmooth(self, x: Floats, b: Floats) -> Floats:
+        """Return x (n, channels) after forward sweeps for ``A x = b``, the adjoint of :meth:`presmooth`."""
         from cpmkit.linear.csr_kernels import sweep_forward
 
         u, A = np.array(x.T, order="C"), self.matrix
@@ -128,16 +128,16 @@ class WithStrip:
         """The number of products with A."""
         return self.iteration.products
 
-    def before(self, b: Floats) -> tuple[Floats, Floats]:
+    def presmooth(self, b: Floats) -> tuple[Floats, Floats]:
         """Return x and ``b - A x``, both (n, channels), after the solve on the strip from zero and the iteration."""
         on_strip = np.ascontiguousarray(self.factors.solve(b[self.unknowns]))
-        x, residual = self.iteration.before(b - self.rows.apply_transposed(on_strip))
+        x, residual = self.iteration.presmooth(b - self.rows.apply_transposed(on_strip))
         x[self.unknowns] += on_strip
         return x, residual
 
-    def after(self, x: Floats, b: Floats) -> Floats:
+    def postsmooth(self, x: Floats, b: Floats) -> Floats:
         """Return x (n, channels) after the iteration for ``A x = b`` and a solve for the strip, the others fixed."""
-        x = self.iteration.after(x, b)
+        x = self.iteration.postsmooth(x, b)
         x[self.unknowns] += self.factors.solve(self.rows.residual(x, b[self.unknowns]))
         return x
 
@@ -160,7 +160,7 @@ class Schwarz:
     products: int = 1
 
     @classmethod
-    def of(cls, matrix: csr_array) -> Schwarz:
+    def from_matrix(cls, matrix: csr_array) -> Schwarz:
         """Return the smoother of a matrix. Raises RuntimeError if a block is singular."""
         blocks = []
         for own in bisect_unknowns(matrix):
@@ -168,11 +168,11 @@ class Schwarz:
             blocks.append((own, unknowns, factorize_matrix(matrix[unknowns][:, unknowns], symmetric_pattern=True)))
         return cls(matrix, blocks)
 
-    def before(self, b: Floats) -> tuple[Floats, Floats]:
+    def presmooth(self, b: Floats) -> tuple[Floats, Floats]:
         """Return zeros and b, both (n, channels)."""
         return np.zeros_like(b), b
 
-    def after(self, x: Floats, b: Floats) -> Floats:
+    def postsmooth(self, x: Floats, b: Floats) -> Floats:
         """Return x (n, channels), changed in place, after a solve on each block, all with the first ``b - A x``."""
         residual = b - self.matrix @ x
         for own, unknowns, factors in self.blocks:

@@ -68,7 +68,7 @@ def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> Latti
         raise ResolutionError(
             "The source has no point inside its own bounds: its closest points and bounds contradict each other."
         )
-    codes = Codes.around(cells, 3)
+    codes = Codes.from_points(cells, 3)
     corners = codes.encode(cells)[:, None] + CELL_CORNERS @ codes.strides
     table, corner_nodes = np.unique(corners, return_inverse=True)
     index = codes.decode(table)

@@ -200,14 +200,14 @@ class FunctionSpace:
     @cached_property
     def _compiled_projection(self) -> UnsignedCsr:
         """The projection matrix in the format whose product with vectors is compiled."""
-        return UnsignedCsr.of(self.projection_matrix)
+        return UnsignedCsr.from_matrix(self.projection_matrix)
 
     @cached_property
     def _projection_groups(self) -> RowGroups:
         """The functions of each connected component of the projection matrix."""
         from scipy.sparse.csgraph import connected_components
 
-        return RowGroups.of(*connected_components(self.projection_matrix, directed=False))
+        return RowGroups.from_numbers(*connected_components(self.projection_matrix, directed=False))
 
     def solve_projection(self, loads: Floats) -> Floats:
         """Return the solutions u (n, k) of (M + h^2 S) u = ``loads``.
@@ -222,7 +222,7 @@ class FunctionSpace:
             # Each piece of the manifold in a unit of its own, a power of two: small loads are solved as exactly.
             groups = self._projection_groups
             size = groups.reduced(np.maximum, np.abs(loads[:, columns]))
-            unit = groups.at(np.ldexp(1.0, np.clip(np.frexp(size)[1], -1000, 1000)))
+            unit = groups.spread_to_rows(np.ldexp(1.0, np.clip(np.frexp(size)[1], -1000, 1000)))
             b, apply = loads[:, columns] / unit, self._compiled_projection.apply
             target, most = 1e-13 * np.linalg.norm(b, axis=0), 1_000  # 130 to 190 steps are usual
             x, steps = conjugate_gradients(apply, lambda r: inverse_diagonal * r, b, target, most, no_progress)
