@@ -168,7 +168,7 @@ def solve(
     from cpmkit import solve as solve_scene
     from cpmkit.runtime.messages import collected_warnings
     from cpmkit.saving.results import check_request, solution_channels, write_results
-    from cpmkit.solving import for_any_backend
+    from cpmkit.solving import backend_independent_options
 
     with collected_warnings() as issued, progress_callback(scene, quiet) as progress:
         try:
@@ -178,7 +178,7 @@ def solve(
             target = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
             spacing, options = spacing_and_options(loaded, spacing, **target, degree=degree)
             if backend != "cpm":
-                options = {"backend": backend, **for_any_backend(options, backend)}
+                options = {"backend": backend, **backend_independent_options(options, backend)}
             options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
             solution = solve_scene(loaded.scene, spacing=spacing, progress=progress, **options)
             solution = with_error(solution, estimate, request.wants_error)

@@ -10,10 +10,10 @@ from typing import Any
 from cpmkit.families.context import Checkpointing, OperatorCache, SolveContext
 from cpmkit.families.quasilinear import solve_nonlinear, solve_quasilinear
 from cpmkit.forms.choice import Backend, every_option, explain_memory_error, module_of, options_of
-from cpmkit.forms.contract import Discretized, require
+from cpmkit.forms.contract import Discretized, require_ability
 from cpmkit.forms.options import AccuracyTarget, Options, solver_of
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions, make_solver, make_step_solver
-from cpmkit.plugins import call, check_keys, factory, takes
+from cpmkit.plugins import call_factory, check_keys, factory, takes_key
 from cpmkit.runtime.options import declared_options, split_options
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.scene.nonlinear_equations import QuasilinearEquation
@@ -76,7 +76,7 @@ def solve_discretized(
         form, solver, chosen, options.residual, progress, started, checkpointing, guess, cache, default_tolerance
     )
     if form.scene.has_tensor:
-        require(form, "diffusivity that is a tensor")
+        require_ability(form, "diffusivity that is a tensor")
     module, function = FAMILIES[form.scene.problem.family]
     solve_family: Callable[[SolveContext], SolutionRecord] = getattr(import_module(module), function)
     if isinstance(form.scene.problem, QuasilinearEquation):
@@ -97,14 +97,14 @@ def resolve_options(
     """
     if backend != "cpm":
         label = f"the back end {backend!r}"
-        plugin: Backend = call(factory(backend, "cpmkit_backends"), label, {})
-        of_plugin = {name: value for name, value in options.items() if takes(plugin.discretize, name)}
+        plugin: Backend = call_factory(factory(backend, "cpmkit_backends"), label, {})
+        of_plugin = {name: value for name, value in options.items() if takes_key(plugin.discretize, name)}
         rest = {name: value for name, value in options.items() if name not in of_plugin}
         built_in = options.get("solver", "auto") in list(SOLVER_OPTIONS)  # a plugin's solver checks its options itself
         of_solver = (*declared_options(SolverOptions), *(SOLVER_OPTIONS["auto"] if built_in else rest))
         check_keys(plugin.discretize, label, options, (*declared_options(Checkpointing), *of_solver))
         table = {"scene": scene, "spacing": spacing, "progress": progress, **of_plugin}
-        return lambda: call(plugin.discretize, label, table), SolverOptions.from_keywords(rest), None
+        return lambda: call_factory(plugin.discretize, label, table), SolverOptions.from_keywords(rest), None
     target, rest = options_of(scene, spacing, options)
     solver = SolverOptions.from_keywords(
         rest, (*every_option(), *declared_options(AccuracyTarget), *declared_options(Checkpointing))

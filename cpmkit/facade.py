@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from cpmkit.families.coupled import BiharmonicRecord
 from cpmkit.families.quasilinear import QuasilinearRecord
-from cpmkit.plugins import load
+from cpmkit.plugins import load_plugin
 from cpmkit.runtime.messages import html_table
 from cpmkit.scenefile.look import document_look
 from cpmkit.solution.frames import EvolvedRecord
@@ -183,5 +183,5 @@ def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, clos
     PluginError
         If the mesh plugin is not installed.
     """
-    line: Floats = load("mesh.triangles").pick_line(shown, path, closed=closed)
+    line: Floats = load_plugin("mesh.triangles").pick_line(shown, path, closed=closed)
     return line

@@ -78,7 +78,7 @@ def _unknown_kind_message(kind: str) -> str:
     return f"{missing}{meant}. Installed: {listed}.{advice}"
 
 
-def load(kind: str) -> Any:
+def load_plugin(kind: str) -> Any:
     """Import, register and return the plugin that offers ``kind``.
 
     Raises PluginError if no installed distribution declares the kind, or its plugin does not import.
@@ -110,7 +110,7 @@ def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
 
     Raises PluginError if the kind is unknown, or the plugin does not return it from this hook.
     """
-    plugin = load(kind)
+    plugin = load_plugin(kind)
     others = [other for other in manager().get_plugins() if other is not plugin]
     answers: list[Mapping[str, Callable[..., Any]]] = manager().subset_hook_caller(hook, others)()
     make = next((answer[kind] for answer in answers if kind in answer), None)
@@ -124,14 +124,14 @@ def any_factory(kind: str) -> tuple[str, Callable[..., Any]]:
 
     Raises PluginError if the kind is unknown, or the plugin returns it from no hook.
     """
-    load(kind)
+    load_plugin(kind)
     for hook in FACTORY_HOOKS:
         with suppress(PluginError):
             return hook, factory(kind, hook)
     raise PluginError(f"The kind {kind!r} is offered through none of the hooks {', '.join(FACTORY_HOOKS)}.")
 
 
-def call(make: Callable[..., Product], label: str, table: Mapping[str, Any]) -> Product:
+def call_factory(make: Callable[..., Product], label: str, table: Mapping[str, Any]) -> Product:
     """Return ``make(**table)`` for a table of a scene file, after a check of its keys and of the types of their values.
 
     ``label`` is the name of the table in messages. Raises SceneError if a key is unknown, a required key is missing, or
@@ -170,7 +170,7 @@ def _accepted_parameters(make: Callable[..., Any]) -> dict[str, inspect.Paramete
     return {name: p for name, p in parameters.items() if p.kind is not p.VAR_KEYWORD}
 
 
-def takes(make: Callable[..., Any], key: str) -> bool:
+def takes_key(make: Callable[..., Any], key: str) -> bool:
     """Return True if the factory ``make`` has a parameter with the name ``key``."""
     return key in inspect.signature(make).parameters
 
@@ -206,7 +206,7 @@ def source(kind: str, **keys: Any) -> ClosestPointSource:
     make = factory(kind)
     if isinstance(keys.get("file"), str | Path):
         keys["file"] = str(find_file(keys["file"]))
-    result: ClosestPointSource = call(make, f"The kind {kind!r}", keys)
+    result: ClosestPointSource = call_factory(make, f"The kind {kind!r}", keys)
     return result
 
 
@@ -232,7 +232,7 @@ def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
     PluginError
         If the mesh plugin is not installed.
     """
-    mesh: tuple[Any, Any] = load("mesh.triangles").read_mesh(find_file(file))
+    mesh: tuple[Any, Any] = load_plugin("mesh.triangles").read_mesh(find_file(file))
     return mesh
 
 
@@ -241,7 +241,7 @@ def read_ply_points(data: bytes) -> Floats:
 
     Raises InputError if it is no PLY file, is damaged, or has no vertices, PluginError without the mesh plugin.
     """
-    points: Floats = load("mesh.triangles").read_ply_points(data)
+    points: Floats = load_plugin("mesh.triangles").read_ply_points(data)
     return points
 
 
@@ -267,5 +267,5 @@ def read_texture_coordinates(file: str | Path) -> tuple[Floats, Ints]:
     PluginError
         If the mesh plugin is not installed.
     """
-    coordinates: tuple[Any, Any] = load("mesh.triangles").read_texture_coordinates(find_file(file))
+    coordinates: tuple[Any, Any] = load_plugin("mesh.triangles").read_texture_coordinates(find_file(file))
     return coordinates

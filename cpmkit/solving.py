@@ -17,7 +17,7 @@ from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import AccuracyTarget, Options
 from cpmkit.linear.solver_options import SolverOptions
-from cpmkit.plugins import call, factory, takes
+from cpmkit.plugins import call_factory, factory, takes_key
 from cpmkit.runtime.messages import did_you_mean, warn_each
 from cpmkit.runtime.options import document_options, split_options
 from cpmkit.runtime.progress import ShownProgress, shown_progress
@@ -104,13 +104,13 @@ def solve(
     return cast("Solution", solution)  # records are constructed as instances of this class
 
 
-def for_any_backend(options: Mapping[str, Any], backend: str = "") -> dict[str, Any]:
+def backend_independent_options(options: Mapping[str, Any], backend: str = "") -> dict[str, Any]:
     """Return the options of a scene file or study that apply to every back end, not only to a lattice or its solver.
 
     These are ``solver_tolerance``, and ``degree`` if the named ``backend`` takes it.
     """
-    has_degree = bool(backend) and takes(call(factory(backend, "cpmkit_backends"), backend, {}).discretize, "degree")
-    shared = ("solver_tolerance", *(("degree",) if has_degree else ()))
+    make = call_factory(factory(backend, "cpmkit_backends"), backend, {}).discretize if backend else None
+    shared = ("solver_tolerance", *(("degree",) if make and takes_key(make, "degree") else ()))
     return {name: value for name, value in options.items() if name in shared}
 
 

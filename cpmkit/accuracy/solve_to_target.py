@@ -108,7 +108,7 @@ def solve_to_target(
         with collected_warnings():
             return solve_scene(scene, spacing, **{**given, **further})
 
-    return answer_of(AdaptiveRun(scene, solve, target, progress, options))
+    return search_solution(AdaptiveRun(scene, solve, target, progress, options))
 
 
 @document_options(AccuracyTarget)
@@ -169,7 +169,7 @@ def solve_by(
         with collected_warnings():
             return recipe(spacing, origin)
 
-    solution = answer_of(AdaptiveRun(scene, solve, goal, progress, is_recipe=True, order=order))
+    solution = search_solution(AdaptiveRun(scene, solve, goal, progress, is_recipe=True, order=order))
     warn_each(solution.warnings)
     return cast("Made", solution)
 
@@ -195,7 +195,7 @@ def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float 
     return estimate_from(solution, [coarse], order=order, alone=estimate_alone(solution) if order is None else None)
 
 
-def answer_of(run: AdaptiveRun) -> SolutionRecord:
+def search_solution(run: AdaptiveRun) -> SolutionRecord:
     """Return the solution at the spacing at which the target of ``run`` is met or missed, with estimate and history."""
     status, aim = search_spacing(run)
     best = run.last if status in ("reached", "floor") else run.best

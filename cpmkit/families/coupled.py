@@ -21,7 +21,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.families.context import PreparedSystem, SolveContext, times_mass, with_border
-from cpmkit.forms.contract import Discretized, require
+from cpmkit.forms.contract import Discretized, require_ability
 from cpmkit.forms.free_constants import Imbalance, balanced_solution
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.multigrid.cycle import Level
@@ -44,7 +44,7 @@ def solve_coupled(context: SolveContext) -> SolutionRecord:
     unique. Raises ConvergenceError if the solver does not reach the tolerance.
     """
     form, problem = context.discretized, cast("Coupled", context.scene.problem)
-    require(form, "coupled channels")
+    require_ability(form, "coupled channels")
     form.check(context.solver_name)
     coupling, channels = _coupling_at_points(problem, form), form.scene.channels
     stiffness = form.stiffness(problem.terms())
@@ -169,7 +169,7 @@ def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
     no second Laplacian, and ConvergenceError if the solver does not reach the tolerance.
     """
     problem, form = cast("Biharmonic", context.scene.problem), context.discretized
-    require(form, "second Laplacian")
+    require_ability(form, "second Laplacian")
     form.check(context.solver_name)
     if problem.c and context.solver_name not in ("direct", "multigrid", "reference"):
         raise InputError(

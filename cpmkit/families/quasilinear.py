@@ -19,7 +19,7 @@ from cpmkit.errors import ConvergenceError, SceneError, place
 from cpmkit.families.context import OperatorCache, SolveContext
 from cpmkit.families.quasilinear_steps import State, Steps
 from cpmkit.families.steady import solve_steady
-from cpmkit.forms.contract import integrals, require
+from cpmkit.forms.contract import integrals, require_ability
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.scene.equations import Equation, Terms
 from cpmkit.scene.nonlinear_equations import QuasilinearEquation
@@ -81,7 +81,7 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     if the diffusivity is not above zero. Raises ConvergenceError if the steps do not converge.
     """
     form, problem = context.discretized, cast("QuasilinearEquation", context.scene.problem)
-    require(form, "diffusivity that depends on u")
+    require_ability(form, "diffusivity that depends on u")
     if context.scene.channels > 1:
         raise SceneError(f"a diffusivity that depends on u takes one channel, the scene has {context.scene.channels}.")
     form.check(context.solver_name)
@@ -100,16 +100,16 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     for nearer in problem.continuation if context.guess is None else ():
         law = nearer.diffusivity_of_u
         nearer_steps = replace(steps, terms=replace(terms, diffusivity=law), law=law)
-        u = _converge(nearer_steps, nearer, u, taken, 1e-2)
-    u = _converge(steps, problem, u, taken, 1e-8 if problem.method == "newton" else 1e-6)
+        u = _solve_to_convergence(nearer_steps, nearer, u, taken, 1e-2)
+    u = _solve_to_convergence(steps, problem, u, taken, 1e-8 if problem.method == "newton" else 1e-6)
     last = _solve_linear(context, steps.frozen_terms(u), u)
     name = "Newton's method" if problem.method == "newton" else "The lagged diffusivity"
-    total = _in_total(context, last, [*(report for _, report in taken), last.report], name, len(taken))
+    total = _with_total_counts(context, last, [*(report for _, report in taken), last.report], name, len(taken))
     values = {member.name: getattr(total, member.name) for member in fields(total)}
     return QuasilinearRecord(**values, history=tuple(record for record, _ in taken))
 
 
-def _in_total(
+def _with_total_counts(
     context: SolveContext, last: SolutionRecord, reports: Sequence[SolveReport], name: str, steps: int
 ) -> SolutionRecord:
     """Return the ``last`` solution of an iteration with the counts of all linear solves, and the seconds of all steps.
@@ -135,7 +135,7 @@ def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = No
     return solve_steady(replace(context, discretized=form, guess=guess, cache=OperatorCache()))
 
 
-def _converge(steps: Steps, problem: QuasilinearEquation, u: Floats, taken: _Steps, share: float) -> Floats:
+def _solve_to_convergence(steps: Steps, problem: QuasilinearEquation, u: Floats, taken: _Steps, share: float) -> Floats:
     """Take steps from u (n, 1) until one changes u by at most a ``share`` of its range, and return u (n, 1).
 
     The steps are appended to the list ``taken``. Raises ConvergenceError if no step up to the largest number of steps
@@ -202,7 +202,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
         change, size = (float(np.abs(values).max(initial=0.0)) for values in (now - then, now))
         # Linear solves to the default tolerance vary by about as much.
         if step > 1 and change <= 1e-8 * size + np.finfo(float).tiny:
-            return _in_total(context, solution, reports, "Newton's method", step)
+            return _with_total_counts(context, solution, reports, "Newton's method", step)
     raise ConvergenceError(
         f"Newton's method did not converge in {step} steps: u still changes by {change:.2g} on the "
         "boundaries; give a guess nearer to the solution, or check that the flux does not grow with u.",

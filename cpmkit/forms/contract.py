@@ -126,11 +126,11 @@ class FormOperators(ABC):
 
         By default raises SceneError, as the form has no diffusivity that depends on u.
         """
-        raise lacking(self, "diffusivity that depends on u")
+        raise missing_ability_error(self, "diffusivity that depends on u")
 
     def weighted_mass(self, values: Floats) -> csr_array:
         """Return the integrals (n, n) of c u v, c = ``values`` (p,) at :attr:`points`; by default raise SceneError."""
-        raise lacking(self, "coupled channels")
+        raise missing_ability_error(self, "coupled channels")
 
     def boundary_mass(self, stiffness: Stiffness) -> Any:
         """Return the matrix B (n, n) of Steklov conditions, with a method ``apply``; None without such conditions.
@@ -138,7 +138,7 @@ class FormOperators(ABC):
         ``stiffness`` is A. By default raises SceneError if the scene has such conditions.
         """
         if any(isinstance(condition.law, Spectral) for condition in self.scene.conditions):
-            raise lacking(self, "eigenvalues at boundaries")
+            raise missing_ability_error(self, "eigenvalues at boundaries")
 
     def levels(self, operator: Operator) -> Sequence[Any]:
         """Return multigrid levels of ``operator``, fine to coarse, each with its prolongation; empty by default."""
@@ -158,7 +158,7 @@ class FormOperators(ABC):
     @property
     def state_fluxes(self) -> Sequence[StateFlux]:
         """The parts of boundaries on which the flux depends on u; by default raises SceneError."""
-        raise lacking(self, "fluxes that depend on u")
+        raise missing_ability_error(self, "fluxes that depend on u")
 
     def linearise(self, seen: Sequence[Floats]) -> Self:
         """Return the form with each of :attr:`state_fluxes` linearised at its u (k,) in ``seen``; itself by default."""
@@ -367,7 +367,7 @@ class Discretized(FormValues):
         return ""
 
 
-def lacking(form: FormOperators, ability: str) -> SceneError:
+def missing_ability_error(form: FormOperators, ability: str) -> SceneError:
     """Return the SceneError for a problem that needs an ``ability`` that the form lacks, with its advice."""
     return SceneError(
         f"the form {form.form!r} has no {ability}, which {form.scene.problem.kind!r} needs; "
@@ -375,10 +375,10 @@ def lacking(form: FormOperators, ability: str) -> SceneError:
     )
 
 
-def require(form: FormOperators, ability: str) -> None:
+def require_ability(form: FormOperators, ability: str) -> None:
     """Raise SceneError, with advice, if the form lacks the ``ability``, a key of :attr:`FormOperators.cannot`."""
     if ability in form.cannot:
-        raise lacking(form, ability)
+        raise missing_ability_error(form, ability)
 
 
 def integrals(form: FormValues, u: Floats) -> Floats | None:

@@ -134,11 +134,11 @@ def conjugate_gradients(
     """
     r = residual.copy()
     x, direction, before = np.zeros_like(r), np.zeros_like(r), np.ones(r.shape[1])
-    shares = target / slack / np.sqrt(dots(r, r))
+    shares = target / slack / np.sqrt(column_products(r, r))
     first = start = None
     for iteration in range(most + 1):
         z = precondition(r)
-        energy, size = dots(r, z), np.sqrt(dots(r, r))
+        energy, size = column_products(r, z), np.sqrt(column_products(r, r))
         first = energy if first is None else first
         excess = np.maximum(size / target, np.sqrt(np.abs(energy / first)) / shares)
         unfinished = (size > 0) & ~(excess <= 1)
@@ -150,7 +150,7 @@ def conjugate_gradients(
             break
         direction = z + np.where(unfinished, energy / before, 0.0) * direction
         image = apply(direction)
-        curvature = dots(direction, image)
+        curvature = column_products(direction, image)
         if (unfinished & ~(curvature > 0)).any():
             raise IndefiniteError("it has eigenvalues of the wrong sign")
         alpha = np.divide(energy, curvature, out=np.zeros_like(energy), where=unfinished)
@@ -160,7 +160,7 @@ def conjugate_gradients(
     return x, iteration
 
 
-def dots(a: Floats, b: Floats) -> Floats:
+def column_products(a: Floats, b: Floats) -> Floats:
     """Return the scalar products a* b (channels,) of the columns of a and b (n, channels); a* is conjugated."""
     return np.asarray(np.einsum("nc,nc->c", a.conj(), b))
 
@@ -182,7 +182,7 @@ def gmres(
     the equations.
     """
     start = np.linalg.norm(residual, axis=0)
-    basis = [_over(residual, start)]
+    basis = [_divide_by_norms(residual, start)]
     hessenberg = np.zeros((len(start), most + 1, most), dtype=residual.dtype)
     finished, taken = start <= target, 0
     first = max(float(np.log(np.maximum(start / target, 2.0)).max()), 1e-300)
@@ -191,11 +191,11 @@ def gmres(
         image = apply(precondition(basis[-1]))
         for _ in range(2):  # orthogonalised twice, against rounding
             for row, vector in enumerate(basis):
-                share = dots(vector, image)
+                share = column_products(vector, image)
                 image = image - vector * share
                 column[:, row] += share
         column[:, -1] = np.linalg.norm(image, axis=0)
-        basis.append(_over(image, column[:, -1].real))
+        basis.append(_divide_by_norms(image, column[:, -1].real))
         taken += 1
         rotation = np.linalg.qr(hessenberg[:, : taken + 1, :taken], mode="complete").Q
         norms = start * np.abs(rotation[:, 0, -1])  # the least |e - H y|, with e the first unit vector
@@ -207,7 +207,7 @@ def gmres(
     return precondition(sum(vector * weights[:, row] for row, vector in enumerate(basis[:-1]))), taken
 
 
-def _over(vectors: Any, norms: Floats) -> Any:
+def _divide_by_norms(vectors: Any, norms: Floats) -> Any:
     """Return ``vectors`` (n, channels) divided by their ``norms`` (channels,); zero vectors stay zero."""
     return vectors * np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
 
@@ -242,21 +242,21 @@ class PreparedReference(KrylovSolver):
         """
         shadow, direction = residual.copy(), residual.copy()
         x = np.zeros_like(residual)
-        rho = dots(shadow, residual)
+        rho = column_products(shadow, residual)
         shadow_size = np.sqrt(rho.real)
         start = np.log(shadow_size / target).max()
         iteration = 0
         while iteration < most:
             iteration += 1
             image = self.operator.apply(direction)
-            alpha = _ratio(rho, dots(shadow, image))
+            alpha = _ratio(rho, column_products(shadow, image))
             residual -= alpha * image
             image_half = self.operator.apply(residual)
-            omega = _ratio(dots(image_half, residual), dots(image_half, image_half))
+            omega = _ratio(column_products(image_half, residual), column_products(image_half, image_half))
             x += alpha * direction + omega * residual
             residual -= omega * image_half
-            before, rho = rho, dots(shadow, residual)
-            size = np.sqrt(dots(residual, residual).real)
+            before, rho = rho, column_products(shadow, residual)
+            size = np.sqrt(column_products(residual, residual).real)
             finished = size <= target
             progress("solve", float(np.clip(1 - np.log(np.maximum(size / target, 1.0)).max() / start, 0, 1)))
             broken = np.abs(rho) <= 1e-14 * shadow_size * size  # the shadow residual is orthogonal but for rounding

@@ -12,7 +12,7 @@ from cpmkit.linear.krylov import ReferenceSolver
 from cpmkit.linear.multigrid.solver import MultigridSolver
 from cpmkit.linear.preconditioned import JacobiOrMultigrid, JacobiSolver
 from cpmkit.linear.protocols import LinearSolver
-from cpmkit.plugins import call, factory, installed_kinds
+from cpmkit.plugins import call_factory, factory, installed_kinds
 from cpmkit.runtime.arrays import positive, whole
 from cpmkit.runtime.messages import FORM_NAMES, did_you_mean
 from cpmkit.runtime.options import DeclaredOptions, declared_options, option
@@ -66,7 +66,7 @@ def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
     """
     if name in SOLVERS:
         return SOLVERS[name](**{key: value for key, value in options.items() if key in SOLVER_OPTIONS[name]})
-    solver: LinearSolver = call(factory(name, "cpmkit_solvers"), f"the solver {name!r}", options)
+    solver: LinearSolver = call_factory(factory(name, "cpmkit_solvers"), f"the solver {name!r}", options)
     return solver
 
 

@@ -16,7 +16,7 @@ from cpmkit.files.whole_files import find_file
 from cpmkit.formulas.expressions import Expression, ReactionExpression, StateExpression
 from cpmkit.manifold.abilities import HasValues
 from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugins import call, factory
+from cpmkit.plugins import call_factory, factory
 from cpmkit.runtime.arrays import number, whole
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scene.conditions import Condition, Dirichlet, Neumann, Robin
@@ -40,7 +40,7 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
     table = as_table(value, where)
     if "kind" in table:
         return read_condition(table, dim, where)
-    return call(Transmission, where, _read_keys(table, dim, where))
+    return call_factory(Transmission, where, _read_keys(table, dim, where))
 
 
 def _read_keys(table: dict[str, Any], dim: int, where: str) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
     order = {"order": whole(table.pop("order"), f"order of {where}", 1, 4)} if "order" in table else {}
     if isinstance(table.get("kind"), str):
         make = factory(table.pop("kind"), "cpmkit_conditions")
-        condition: Condition = call(make, where, {**_read_keys(table, dim, where), **order})
+        condition: Condition = call_factory(make, where, {**_read_keys(table, dim, where), **order})
         return condition
     kinds = list(table)
     if "clamped" in kinds:

@@ -15,7 +15,7 @@ from cpmkit.forms.choice import RENAMED_OPTIONS, own_options
 from cpmkit.forms.options import AccuracyTarget, Options
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions
 from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
+from cpmkit.plugins import call_factory, check_accepted, check_keys, factory, source, takes_key
 from cpmkit.runtime.deprecation import current_keywords
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import check_key_types, declared_options, split_options
@@ -174,7 +174,7 @@ def read_source(
     keys = {key: _as_source(value, folder, f"{key} of {where}") for key, value in table.items()}
     if "file" in keys:
         keys["file"] = str(find_file(keys["file"], folder))
-    if surface is not None and not {"surface", "file", "vertices"} & set(keys) and takes(factory(kind), "surface"):
+    if surface is not None and not {"surface", "file", "vertices"} & set(keys) and takes_key(factory(kind), "surface"):
         keys["surface"] = surface
     return source(kind, **keys)
 
@@ -221,7 +221,7 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
         reader = DATA_READERS.get(str(member.type).removesuffix(" | None"))
         if reader is not None and member.name in table:
             table[member.name] = reader(table[member.name], dim, f"{member.name} of [problem]")
-    return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+    return call_factory(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
 
 
 def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
@@ -234,7 +234,7 @@ def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
     if picture is not None:
         picture = as_table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
         with naming_table("[output]"):
-            picture = call(PictureRequest, "picture of [output]", picture)
+            picture = call_factory(PictureRequest, "picture of [output]", picture)
     if not is_sequence(files):
         raise SceneError(f"files of [output] must be a list of names, such as ['summary.json'], got {shown(files)}.")
     folder = table.get("folder", path.stem)

@@ -31,7 +31,7 @@ from cpmkit.runtime.messages import collected_warnings
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
-from cpmkit.solving import for_any_backend, solve
+from cpmkit.solving import backend_independent_options, solve
 from cpmkit.studies.studyfile import Study
 from cpmkit.types import Bools, Floats, Ints, Progress, no_progress
 
@@ -94,7 +94,7 @@ def reference_of(study: Study) -> Reference:
         return Reference(points, evaluate_data(study.solution, points, 1, "u of [exact]", end)[:, 0])
     assert study.exact.reference is not None
     with collected_warnings():
-        solution = solve(scene, backend=study.exact.reference, **for_any_backend(study.options))
+        solution = solve(scene, backend=study.exact.reference, **backend_independent_options(study.options))
     return Reference(points, solution.evaluate(points))
 
 
@@ -128,7 +128,7 @@ def solve_on_refined_mesh(
     ``fem`` does, or the surface has no mesh.
     """
     refined = replace(scene, surface=refined_mesh(scene.surface))
-    return solve(refined, spacing, backend="fem", progress=progress, **for_any_backend(options))
+    return solve(refined, spacing, backend="fem", progress=progress, **backend_independent_options(options))
 
 
 def check_comparable(scene: Scene) -> None:

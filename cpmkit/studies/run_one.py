@@ -23,7 +23,7 @@ from cpmkit.runtime.memory import peak_growth_bytes, reset_peak_memory
 from cpmkit.runtime.messages import collected_warnings
 from cpmkit.runtime.options import declared_options
 from cpmkit.scene.scene import Scene
-from cpmkit.solving import for_any_backend, solve
+from cpmkit.solving import backend_independent_options, solve
 from cpmkit.studies.records import (
     LARGEST_RECORDED,
     RECORDS_FILE,
@@ -109,7 +109,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
         return solve_on_refined_mesh(scene, cast("float", run.spacing), progress=progress, **options)
     set_by = lattice_methods()
     if run.method not in (*set_by, *BASELINES):  # a plugin's back end, which may use the spacing in its own way
-        return solve(scene, run.spacing, backend=run.method, progress=progress, **for_any_backend(options))
+        return solve(scene, run.spacing, backend=run.method, progress=progress, **backend_independent_options(options))
     if run.spacing is None:
         if run.origin is not None:  # the spacing is a result: a tenth of the surface's size serves as well
             extent = float(np.ptp(scene.surface.bounds, axis=0).max())

@@ -20,7 +20,7 @@ from cpmkit.files.whole_files import find_file
 from cpmkit.forms.choice import every_option
 from cpmkit.formulas.expressions import Expression
 from cpmkit.formulas.steps import CONSTANTS, COORDINATES, FUNCTIONS, MAX_FORMULA_CHARACTERS, formula_tree, parse
-from cpmkit.plugins import call, check_accepted
+from cpmkit.plugins import call_factory, check_accepted
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
 from cpmkit.scenefile.documented_keys import Key, keys_of
@@ -200,7 +200,7 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     scene = {
         key: expand_all(value, known) for key, value in tables.items() if key not in ("title", "let", "exact", "sweep")
     }
-    exact = call(Exact, "[exact]", tables["exact"])
+    exact = call_factory(Exact, "[exact]", tables["exact"])
     exact = exact if exact.u is None else replace(exact, u=expand(exact.u, known))
     sweep = read_sweep(tables["sweep"])
     read_options(scene)

@@ -14,7 +14,7 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.forms.choice import FORMS, every_option
 from cpmkit.forms.options import AccuracyTarget
-from cpmkit.plugins import call, check_keys
+from cpmkit.plugins import call_factory, check_keys
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.options import check_key_types, declared_options
 from cpmkit.types import Floats
@@ -66,7 +66,7 @@ def read_sweep(table: Mapping[str, Any]) -> Sweep:
     make = partial(Sweep, {name: table[key] for name, key in lists.items()})
     check_keys(make, "[sweep]", own, tuple(listed_options().values()))
     check_key_types(Sweep, "[sweep]", own)
-    return call(make, "[sweep]", own)
+    return call_factory(make, "[sweep]", own)
 
 
 @dataclass(frozen=True, eq=False)

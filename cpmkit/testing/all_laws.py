@@ -61,7 +61,7 @@ def _installed_plugins() -> Iterator[Any]:
     """Yield each installed plugin once, also if it offers several kinds."""
     seen: set[int] = set()
     for installed in plugins.installed_kinds():
-        plugin = plugins.load(installed.kind)
+        plugin = plugins.load_plugin(installed.kind)
         if id(plugin) not in seen:
             seen.add(id(plugin))
             yield plugin

@@ -488,6 +488,6 @@ def test_a_source_kind_without_case_is_named_and_a_solver_needs_none(monkeypatch
     offered = {"test.circle": PluginWithoutCase, "test.other": PluginWithoutCase, "test.solver": SolverPlugin}
     kinds = [plugins.InstalledKind(kind, "test", "1", "test") for kind in offered]
     monkeypatch.setattr(plugins, "installed_kinds", lambda: kinds)
-    monkeypatch.setattr(plugins, "load", offered.__getitem__)
+    monkeypatch.setattr(plugins, "load_plugin", offered.__getitem__)
     assert kinds_without_case() == ["test.other"]
     assert [case.kind for case in installed_cases()] == ["test.circle"]

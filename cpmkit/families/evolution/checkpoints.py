@@ -84,7 +84,7 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
     run = read_json_table(text, path, "run")
     for key, value in describe_run(plan).items():
         if run.get(key) != value:
-            raise InputError(f"{_differs(path)}: its {key} is {shown(run.get(key))}, and here it is {value!r}.")
+            raise InputError(f"{_mismatch(path)}: its {key} is {shown(run.get(key))}, and here it is {value!r}.")
     unknowns, channels = plan.start.u.shape
     arrays = read_saved(path, CHECKPOINT_ARRAYS, CHECKPOINT_WORDS, {"unknowns": unknowns, "channels": channels})
     contents = str(arrays.pop("contents"))
@@ -92,7 +92,7 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
     if contents != digest_arrays(arrays):
         raise InputError(f"{shown(path.name)} is not as it was written: its arrays do not match their digest.")
     if str(arrays["digest"]) != digest_run(plan, float(arrays["ends"][-1])):
-        raise InputError(f"{_differs(path)}: the scene, its data or the versions of the libraries are not the same.")
+        raise InputError(f"{_mismatch(path)}: the scene, its data or the versions of the libraries are not the same.")
     tally = record_from_table(
         SolveTally, read_json_table(arrays["tally"], path, "tally"), f"the tally of {shown(path.name)}"
     )
@@ -104,7 +104,7 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
     return RunState(len(arrays["ends"]), history, tuple(arrays["frames"]), tuple(arrays.get("energies", ()))), tally
 
 
-def _differs(path: Path) -> str:
+def _mismatch(path: Path) -> str:
     """Return the beginning of the message about a checkpoint of another run."""
     return f"The checkpoint {path} is of another run"
 
@@ -118,7 +118,7 @@ def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) ->
     done = plan.steps[: len(ends)]
     same = len(done) == len(ends) > 0 and np.array_equal(is_frame, [step.is_frame for step in done])
     if not same or not _same_times(ends, [step.end for step in done], plan):
-        raise InputError(f"{_differs(path)}: its {len(ends)} steps and their frames are not those of this one.")
+        raise InputError(f"{_mismatch(path)}: its {len(ends)} steps and their frames are not those of this one.")
     lengths = [0.0, *(step.length for step in done)][-REMEMBERED_MOMENTS:]
     moments = range(len(lengths))
     frames = int(np.count_nonzero(is_frame)) + (plan.start.time in plan.evolution.frame_times)

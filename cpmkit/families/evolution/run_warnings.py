@@ -20,11 +20,12 @@ from cpmkit.types import Floats
 
 def run_warnings(plan: RunPlan, history: History) -> tuple[str, ...]:
     """Return the warnings at the end of a run, () if there are none; ``history`` has its last moments."""
-    checks = (_oscillation, _unresolved_wave, _short_pattern, _long_step, _heat_drift, _missed_rest)
-    return tuple(text for check in checks for text in check(plan, history))
+    waves = (_oscillation_warnings, _unresolved_wave_warnings, _short_pattern_warnings)
+    changes = (_long_step_warnings, _heat_drift_warnings, _missed_rest_warnings)
+    return tuple(text for check in (*waves, *changes) for text in check(plan, history))
 
 
-def _heat_drift(plan: RunPlan, history: History) -> list[str]:
+def _heat_drift_warnings(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if heat was lost or gained on pieces of the manifold without outflow; else [].
 
     There the mean of u should grow by the mean of f times the time, in every scheme. It is checked for c = 0, steady f,
@@ -58,8 +59,7 @@ def _heat_drift(plan: RunPlan, history: History) -> list[str]:
 def wave_energy(problem: SemiDiscrete, moment: Moment) -> Floats | None:
     """Return the energy (channels,) of a wave, ``v'Mv/2 + u'Au/2 - u'b``, with the forcing as a potential.
 
-    u and v are those of ``moment``. It is conserved if b does not depend on the time. None for equations other than
-    waves, and if A is not symmetric.
+    u and v are those of ``moment``. It is conserved if b is constant in time. None without a wave or a symmetric A.
     """
     if moment.rate is None or not problem.stiffness.symmetric:
         return None
@@ -99,7 +99,7 @@ def growth_check(plan: RunPlan) -> Callable[[Floats, float], None] | None:
     return check
 
 
-def _long_step(plan: RunPlan, history: History) -> list[str]:
+def _long_step_warnings(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if the error of advection in the scheme is large; else [].
 
     It is estimated over the whole run, or over the time in which diffusion removes the variation of u.
@@ -139,7 +139,7 @@ def _long_step(plan: RunPlan, history: History) -> list[str]:
     ]
 
 
-def _short_pattern(plan: RunPlan, history: History) -> list[str]:
+def _short_pattern_warnings(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if the waves of a reaction are so short that the lattice shapes them; else []."""
     if not isinstance(plan.evolution, ReactionDiffusion):
         return []
@@ -169,7 +169,7 @@ def _spread_points(form: Discretized) -> tuple[Floats, Floats]:
     return points, share / share.sum()
 
 
-def _oscillation(plan: RunPlan, history: History) -> list[str]:
+def _oscillation_warnings(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if the last two steps go back and forth; else [].
 
     Only Crank-Nicolson, which does not damp, and schemes with an explicit reaction are checked.
@@ -194,7 +194,7 @@ def _oscillation(plan: RunPlan, history: History) -> list[str]:
     ]
 
 
-def _unresolved_wave(plan: RunPlan, history: History) -> list[str]:
+def _unresolved_wave_warnings(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if the lattice does not resolve a wave; else []."""
     problem, evolution = plan.problem, plan.evolution
     if not isinstance(evolution, Wave):
@@ -227,7 +227,7 @@ def _mean_frequency(problem: SemiDiscrete, history: History) -> float:
     return float((acceleration / size) ** 0.25) if size > 0 else 0.0
 
 
-def _missed_rest(plan: RunPlan, history: History) -> list[str]:
+def _missed_rest_warnings(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if u changes faster in the last step than the rate ``rest`` of the run; else []."""
     evolution = plan.evolution
     rate = rate_of_change(plan.problem.form, plan.start, history)

@@ -33,7 +33,7 @@ from cpmkit.families.evolution.schemes import (
     newmark,
 )
 from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete, ShiftedSolver, SolveTally
-from cpmkit.forms.contract import Discretized, require
+from cpmkit.forms.contract import Discretized, require_ability
 from cpmkit.scene.compound_equations import ReactionDiffusion
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.solution.frames import EvolvedRecord, check_frames_fit
@@ -61,7 +61,7 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     evolution = cast("Evolution", context.scene.problem).with_scheme("explicit steps" not in form.cannot)
     form.check(context.solver_name)
     if evolution.scheme in ("leapfrog", "newmark"):
-        require(form, "explicit steps" if evolution.scheme == "leapfrog" else "undamped steps")
+        require_ability(form, "explicit steps" if evolution.scheme == "leapfrog" else "undamped steps")
     problem = semidiscrete(form, evolution)
     check_frames_fit(len(evolution.frame_times), form.size, form.scene.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times, evolution.t0)

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.band_layout import Layout, lay_out, with_data_of
-from cpmkit.forms.collocation.extension import extend, extend_rows, row_centres
+from cpmkit.forms.collocation.extension import extend_rows, extension_matrix, row_centres
 from cpmkit.forms.collocation.ghosts.nodes_past_edge import EDGE_CONDITION
 from cpmkit.forms.collocation.layout_checks import check_effect, check_layout
 from cpmkit.forms.collocation.options import CollocationOptions
@@ -124,7 +124,7 @@ class Discretization:
         centres = row_centres(self.layout).take(rows)
         if self.layout.band.sheets is not None:
             centres = replace(centres, feet=self.layout.surface.closest_point(points), normals=None)
-        matrix: csr_array = (scatter_matrix(rows, self.unknowns.rows) @ extend(self.unknowns, points, centres)).tocsr()
+        matrix: csr_array = scatter_matrix(rows, self.unknowns.rows) @ extension_matrix(self.unknowns, points, centres)
         return matrix
 
 

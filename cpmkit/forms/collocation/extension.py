@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 EXTENSION_CHUNK_ROWS = 16384
 
 
-def extend(
+def extension_matrix(
     unknowns: Unknowns,
     points: Floats,
     centres: Centres,
@@ -68,10 +68,10 @@ def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_a
     """
     formula = _formula_of_rows(layout)
     centres = row_centres(layout, formula)
-    extension = extend(layout.unknowns, formula.points, centres, formula.coefficient, progress)
+    extension = extension_matrix(layout.unknowns, formula.points, centres, formula.coefficient, progress)
     for term in formula.terms:
         at_term = Centres(term.side_views, np.full(len(term.points), term.owner), term.feet)
-        added = extend(layout.unknowns, term.points, at_term, term.coefficient)
+        added = extension_matrix(layout.unknowns, term.points, at_term, term.coefficient)
         extension = extension + scatter_matrix(term.rows, extension.shape[0]) @ added
     if formula.terms:
         extension.eliminate_zeros()

@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.forms.collocation.extension import extend
+from cpmkit.forms.collocation.extension import extension_matrix
 from cpmkit.forms.collocation.row_formula import extrapolation_weights
 from cpmkit.forms.collocation.selection import Centres
 from cpmkit.forms.collocation.side_view import ON_BOUNDARY_SPACINGS, SideView
@@ -59,7 +59,7 @@ class Reader(Discretized):
         """
         feet = self.checked_closest_points(self.to_local_points(points))
         centres = Centres.of_points(feet, self.side_views(feet.points, self.side_numbers(side)))
-        return extend(self.tables.unknowns, feet.points, centres)
+        return extension_matrix(self.tables.unknowns, feet.points, centres)
 
     def gradient(self, values: Floats, points: Any = None, side: Sides = None) -> Floats:
         """Return the gradient (k, channels, d) of ``values`` (unknowns, channels) at points (k, d), or the form's.

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, uses_threads
 from cpmkit.linear.direct import factorize_matrix, factorize_symmetric
-from cpmkit.linear.krylov import dots
+from cpmkit.linear.krylov import column_products
 from cpmkit.linear.multigrid.smoothers import MAX_BLOCK_UNKNOWNS, Chebyshev, GaussSeidel, Schwarz, Smoother, WithStrip
 from cpmkit.linear.operators import with_diagonal
 from cpmkit.linear.residuals import IndefiniteError
@@ -189,15 +189,15 @@ def largest_eigenvalue(matrix: UnsignedCsr, inverse: Floats) -> float:
     """
     root = np.sqrt(inverse)[:, None]
     v = np.random.default_rng(0).standard_normal(root.shape) * (root > 0)
-    before, beta = np.zeros_like(v), dots(v, v)[0] ** 0.5
+    before, beta = np.zeros_like(v), column_products(v, v)[0] ** 0.5
     diagonal: list[float] = []
     off_diagonal: list[float] = []
     while beta > 0 and len(diagonal) < 12:
         v, before = v / beta, -beta * before
         w = root * matrix.apply(root * v) + before
-        diagonal.append(dots(v, w)[0])
+        diagonal.append(column_products(v, w)[0])
         w -= diagonal[-1] * v
-        before, v, beta = v, w, dots(w, w)[0] ** 0.5
+        before, v, beta = v, w, column_products(w, w)[0] ** 0.5
         off_diagonal.append(beta)
     upper = np.diag(diagonal) + np.diag(off_diagonal[:-1], 1)
     return float(np.linalg.eigvalsh(upper, UPLO="U")[-1]) if diagonal else 1.0

@@ -64,7 +64,7 @@ def test_a_bad_key_is_named(kind, keys, sentence):
 
 def test_every_declared_kind_has_a_factory_of_keywords_only():
     declared = {kind.kind for kind in cpmkit.plugins.installed_kinds() if kind.kind.startswith("analytic.")}
-    plugin = cpmkit.plugins.load("analytic.sphere")
+    plugin = cpmkit.plugins.load_plugin("analytic.sphere")
     assert set(plugin.cpmkit_sources()) == declared
 
 

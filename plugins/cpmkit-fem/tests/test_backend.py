@@ -282,7 +282,7 @@ import sys
 import cpmkit as ck
 from cpmkit import plugins
 for kind in plugins.installed_kinds():
-    plugins.load(kind.kind)
+    plugins.load_plugin(kind.kind)
 scene = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0))
 ck.solve(scene, 0.2)
 assert "cpmkit_fem" in sys.modules

@@ -83,5 +83,5 @@ def test_a_bad_key_is_named(kind, keys, sentence):
 
 def test_every_declared_kind_has_a_factory():
     declared = {kind.kind for kind in cpmkit.plugins.installed_kinds() if kind.kind.startswith("parametric.")}
-    plugin = cpmkit.plugins.load("parametric.curve")
+    plugin = cpmkit.plugins.load_plugin("parametric.curve")
     assert set(plugin.cpmkit_sources()) == declared
