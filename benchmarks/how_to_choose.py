@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.studies.records import gather, read_records
+from cpmkit.studies.records import group_into_series, read_records
 from cpmkit.studies.reference_values import Reference, sample_points
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
@@ -179,7 +179,7 @@ def told(name: str, choice: Choice, folder: Path) -> Iterator[str]:
         points = sample_points(study.scene, study.exact.points)
         truth = Reference(points, choice.finely(study.scene).evaluate(points))
     outcome = run_study(study, folder / name, truth=truth, recorded=lambda record: print(record, file=sys.stderr))
-    made = attempts(gather(read_records(outcome.file)))
+    made = attempts(group_into_series(read_records(outcome.file)))
     yield from (f"**{choice.words}**", "", winners_table(made), "", "Unbeaten in error and cost:", "")
     yield from (front_table(made), "")
 

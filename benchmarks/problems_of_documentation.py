@@ -23,7 +23,7 @@ from cpmkit.forms.choice import choose_form
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.scene_files import load_scene
 from cpmkit.studies.reference_values import reference_of, sample_points
-from cpmkit.studies.run_one import at_spacing
+from cpmkit.studies.run_one import with_step_for_spacing
 from cpmkit.studies.studyfile import Study, load_study
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -128,7 +128,7 @@ def _at_spacings(study: Study, spacings: Sequence[float], positions: int) -> Ite
     truth = reference_of(study)
     off = _from_values(truth.points, truth.values)
     for spacing in spacings:
-        scene = at_spacing(study.scene, study.sweep.step_per_spacing, spacing)
+        scene = with_step_for_spacing(study.scene, study.sweep.step_per_spacing, spacing)
         yield Problem(study.title, scene, spacing, off, positions=positions, options=_of_both(study))
 
 

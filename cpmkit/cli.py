@@ -17,12 +17,12 @@ from cpmkit.commands.group import (
     json_option,
     output_option,
     print_outcome,
+    print_warnings,
     progress_callback,
     scene_argument,
     spacing_and_options,
     spacing_option,
     traceback_option,
-    warn,
     with_error,
     with_look,
 )
@@ -183,7 +183,7 @@ def solve(
             solution = solve_scene(loaded.scene, spacing=spacing, progress=progress, **options)
             solution = with_error(solution, estimate, request.wants_error)
         except Exception:
-            warn(issued, err=True)
+            print_warnings(issued, err=True)
             raise
         warnings = list(dict.fromkeys([*issued, *solution.warnings]))
         written = write_results(solution, request, folder, progress, warnings)
@@ -225,10 +225,10 @@ def explain(scene: Path, spacing: float | None, dry_run: bool, rehearse: bool, s
             options |= {"dry_run": dry_run or rehearse, "seconds": seconds}
             explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **options)
         except Exception:
-            warn(issued, err=True)
+            print_warnings(issued, err=True)
             raise
     click.echo(json.dumps(explanation.as_dict(), indent=2) if as_json else str(explanation))
-    warn(issued, err=as_json)
+    print_warnings(issued, err=as_json)
 
 
 @main.command()

@@ -215,10 +215,10 @@ def geodesic_distance(
     """
     rounds = count_rounds(method, rounds)
     sources = origins_of(origins, scene_of(surface).surface)
-    return measure_to_target(surface, spacing, options, lambda prepared: _measure(prepared, sources, rounds))
+    return measure_to_target(surface, spacing, options, lambda scene: _solve_geodesic_distance(scene, sources, rounds))
 
 
-def _measure(prepared: Prepared, origins: Origins, rounds: int) -> Distance:
+def _solve_geodesic_distance(prepared: Prepared, origins: Origins, rounds: int) -> Distance:
     """Return the distance on a prepared scene, by heat and ``rounds`` of transport; warn of pieces without origin."""
     points = prepared.discretized.points  # a local, so that all fields below share the array
     pieces = pieces_of(prepared)

@@ -16,7 +16,7 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.applications.harmonic_flows import degree_and_area, explicit_flow, implicit_flow
 from cpmkit.applications.heat import scene_of
-from cpmkit.applications.result import Result, dirichlet_at_points, one_of, unpack_pair, with_colours
+from cpmkit.applications.result import Result, check_choice, dirichlet_at_points, unpack_pair, with_colours
 from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource
@@ -175,7 +175,7 @@ def harmonic_map(
     >>> bool(abs(found.energy[-1] - 7.9327**2 / 2 / 6.2832) < 0.01)
     True
     """
-    one_of(method, ("implicit", "explicit"), "method")
+    check_choice(method, ("implicit", "explicit"), "method")
     rest, most_steps = positive(rest, "rest"), whole(most_steps, "most_steps", 1, 1_000_000)
     scene = _scene(surface, target, landmarks)
     prepared = ck.prepare(scene, spacing, **{"form": "galerkin" if method == "implicit" else "collocation", **options})
@@ -232,7 +232,7 @@ def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[A
         if getattr(place, "manifold_dim", 0):  # a curve
             if not callable(image):
                 raise InputError(f"the image of a landmark curve is a function of its points, got {shown(image)}.")
-            boundaries.append(ck.Boundary(name, place, both=ck.Dirichlet(_on_target(target, image))))
+            boundaries.append(ck.Boundary(name, place, both=ck.Dirichlet(_project_image(target, image))))
             continue
         at = scene.surface.closest_point(as_points(np.atleast_2d(place), scene.surface.dim)).points
         goals = as_points(np.atleast_2d(image), target.dim)
@@ -242,6 +242,6 @@ def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[A
     return ck.Scene(scene.surface, problem, boundaries, scene.edge)
 
 
-def _on_target(target: ClosestPointSource, image: Callable[[Floats], Any]) -> Callable[[Floats], Floats]:
+def _project_image(target: ClosestPointSource, image: Callable[[Floats], Any]) -> Callable[[Floats], Floats]:
     """Return a function of points (n, d) of a curve: the values of ``image`` there, projected on the target."""
     return lambda points: np.asarray(target.closest_point(np.asarray(image(points), dtype=np.float64)).points)

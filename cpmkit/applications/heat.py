@@ -229,12 +229,12 @@ def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None 
             break
         time *= TIME_GROWTH
     if not underflow:
-        check_warmed(cold, prepared.scene.surface)
+        check_heat_reaches(cold, prepared.scene.surface)
     undirected = cold | (heat.values <= 0.0)
     return heat.gradient().map(lambda _, slopes: np.where(undirected[:, None], 0.0, -unit(slopes)))
 
 
-def check_warmed(cold: Bools, surface: ClosestPointSource) -> None:
+def check_heat_reaches(cold: Bools, surface: ClosestPointSource) -> None:
     """Raise SceneError if heat does not reach all points of a manifold.
 
     ``cold`` (p,) are the points that it does not reach; the message has their number.
@@ -272,7 +272,7 @@ def vector_heat_directions(
         warm = cold & (size > NOISE_SHARE * size.max())
         directions[warm] = unit(vectors[warm])
         cold, time = cold & ~warm, TIME_GROWTH * time
-    check_warmed(cold, prepared.scene.surface)
+    check_heat_reaches(cold, prepared.scene.surface)
     return directions, replace(heat, values=prepared.discretized.project(directions))
 
 

@@ -199,7 +199,7 @@ def measure_to_target(
     return replace(last[0], recompute=recompute, solution=solution)
 
 
-def one_of(value: Any, accepted: tuple[str, str], label: str) -> str:
+def check_choice(value: Any, accepted: tuple[str, str], label: str) -> str:
     """Return ``value`` if it is one of the two ``accepted``; raise InputError, which names it as ``label``, if not."""
     if value not in accepted:
         raise InputError(f"{label} must be {' or '.join(accepted)}, got {shown(value)}.")
@@ -215,7 +215,7 @@ def unpack_pair(pair: Any, words: str) -> tuple[Any, Any]:
 
 def count_rounds(method: Any, rounds: Any) -> int:
     """Return the number of rounds of transport, 0 by the ``method`` heat; raise InputError for other arguments."""
-    return whole(rounds, "rounds", 1, 100) if one_of(method, ("transport", "heat"), "method") == "transport" else 0
+    return 0 if check_choice(method, ("transport", "heat"), "method") == "heat" else whole(rounds, "rounds", 1, 100)
 
 
 def dirichlet_at_points(name: str, points: Floats, values: Floats) -> list[ck.Boundary]:

@@ -117,10 +117,10 @@ def signed_distance(
     sources = origins_of(curves, manifold)
     if len(sources.points):
         raise InputError("signed distances are those to curves, which have two sides; points have none.")
-    return measure_to_target(surface, spacing, options, lambda prepared: _measure(prepared, sources, rounds))
+    return measure_to_target(surface, spacing, options, lambda scene: _solve_signed_distance(scene, sources, rounds))
 
 
-def _measure(prepared: Prepared, curves: Origins, rounds: int) -> SignedDistance:
+def _solve_signed_distance(prepared: Prepared, curves: Origins, rounds: int) -> SignedDistance:
     """Return the signed distance on a prepared scene, by heat, then by ``rounds`` of transport."""
     manifold = prepared.scene.surface
     samples = [ck.boundary_points(curve, manifold, prepared.discretized.spacing) for curve in curves.curves]

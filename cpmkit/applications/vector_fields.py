@@ -26,8 +26,8 @@ import cpmkit as ck
 from cpmkit.applications.heat import scene_of, tangential_coupling
 from cpmkit.applications.result import (
     Result,
+    check_choice,
     dirichlet_at_points,
-    one_of,
     spread_points,
     unpack_pair,
     with_arrows,
@@ -229,7 +229,7 @@ def vector_field(
     >>> sum(one.index for one in field.singularities)
     2
     """
-    one_of(transport, ("parallel", "paper"), "transport")
+    check_choice(transport, ("parallel", "paper"), "transport")
     scene = scene_of(surface)
     check_surface(scene.surface)
     if not directions:
@@ -262,11 +262,11 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
     if getattr(where, "manifold_dim", 0):  # a curve
         name = f"direction {number}"
         if isinstance(which, Mapping):
-            sides = {side: _along(where, surface, direction) for side, direction in which.items()}
+            sides = {side: _curve_directions(where, surface, direction) for side, direction in which.items()}
             if set(sides) != {"left", "right"}:
                 raise InputError(f"directions of two sides are given as left and right, got {', '.join(sides)}.")
             return [ck.Boundary(name, where, **{side: ck.Dirichlet(direction) for side, direction in sides.items()})]
-        return [ck.Boundary(name, where, both=ck.Dirichlet(_along(where, surface, which)))]
+        return [ck.Boundary(name, where, both=ck.Dirichlet(_curve_directions(where, surface, which)))]
     points = surface.closest_point(np.atleast_2d(np.asarray(where, dtype=np.float64))).points
     directions = np.broadcast_to(np.asarray(which, dtype=np.float64), points.shape)
     vectors = tangential(surface, points, directions)
@@ -275,7 +275,7 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
     return dirichlet_at_points(f"direction {number}", points, unit(vectors))
 
 
-def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:
+def _curve_directions(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:
     """Return a function that maps points (k, 3) of a curve in ``surface`` to unit directions (k, 3).
 
     Raises InputError if ``which`` is neither the name of a direction, a vector (3,) nor a function of points.

@@ -13,16 +13,16 @@ import click
 
 from cpmkit.commands.group import (
     accuracy_options,
-    combine,
+    add_options,
     json_option,
     output_option,
     print_outcome,
+    print_warnings,
     progress_callback,
     scene_argument,
     spacing_and_options,
     spacing_option,
     traceback_option,
-    warn,
     with_error,
     with_look,
 )
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cpmkit.types import Floats
 
 #: The scene as argument and the options that all commands of applications have.
-application_options = combine(
+application_options = add_options(
     scene_argument,
     spacing_option,
     output_option,
@@ -98,7 +98,7 @@ def run_application(
             options |= {"surface": loaded.scene, "spacing": decided, "progress": progress}
             result = solve(options | getattr(loaded, "arguments", {}), request.wants_error)
         except Exception:
-            warn(issued, err=True)
+            print_warnings(issued, err=True)
             raise
         solution = replace(result.solution, seconds={"make": time.perf_counter() - begun})  # of all its solves
         warnings = list(dict.fromkeys([*issued, *solution.warnings]))
@@ -226,10 +226,10 @@ def distance(origins: tuple[str, ...], signed: bool, method: str, starts: tuple[
 
     if signed and starts:
         raise InputError("paths lead to the origins of a distance without a sign; leave out --signed or --path-from.")
-    run_application("distance", partial(_measure, origins, signed, method, starts), **keys)
+    run_application("distance", partial(_solve_distance, origins, signed, method, starts), **keys)
 
 
-def _measure(
+def _solve_distance(
     origins: tuple[str, ...],
     signed: bool,
     method: str,

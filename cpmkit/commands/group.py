@@ -79,7 +79,7 @@ class CommandGroup(click.Group):
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except KeyboardInterrupt as error:
-            click.echo(f"\nInterrupted{_at_stage(ctx)}.", err=True)
+            click.echo(f"\nInterrupted{_stage_text(ctx)}.", err=True)
             raise click.exceptions.Exit(130) from error  # 128 and the number of the signal
         except Exception as error:
             if getattr(error, "errno", None) == errno.EPIPE:  # the reader closed the pipe; click ends quietly
@@ -94,18 +94,18 @@ def _error_sentence(ctx: click.Context, error: Exception) -> click.ClickExceptio
     if isinstance(error, CpmkitError):
         return click.ClickException(str(error))
     if is_out_of_memory(error):
-        return click.ClickException(f"Memory ran out{_at_stage(ctx)}: {memory_limit()}; a larger spacing needs less.")
+        return click.ClickException(f"Memory ran out{_stage_text(ctx)}: {memory_limit()}; a larger spacing needs less.")
     if isinstance(error, OSError) and error.strerror:
         name = f": {shown(error.filename)}" if error.filename else ""
-        return click.ClickException(f"The system refused{_at_stage(ctx)}: {error.strerror}{name}.")
+        return click.ClickException(f"The system refused{_stage_text(ctx)}: {error.strerror}{name}.")
     error_text = f"{type(error).__name__}: {shown(str(error))}" if str(error) else type(error).__name__
     return UnexpectedError(
-        f"{error_text}{_at_stage(ctx)}. This is a bug in cpmkit or in a plugin; the option --traceback shows where it "
-        "arose, for a report."
+        f"{error_text}{_stage_text(ctx)}. This is a bug in cpmkit or in a plugin; the option --traceback shows where "
+        "it arose, for a report."
     )
 
 
-def _at_stage(ctx: click.Context) -> str:
+def _stage_text(ctx: click.Context) -> str:
     """Return " during the stage ... of FILE" for the running command, without unknown parts; "" if both are."""
     stage, file = ctx.meta.get(STAGE_KEY), ctx.meta.get(FILE_KEY)
     if stage:
@@ -188,7 +188,7 @@ output_option = click.option(
 )
 
 
-def combine(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+def add_options(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
     """Return a decorator that adds several options to a command, in the order in which help lists them."""
 
     def add(command: Command) -> Command:
@@ -201,7 +201,7 @@ def combine(*options: Callable[[Command], Command]) -> Callable[[Command], Comma
 
 
 #: The options of an accuracy target, which replace a spacing, and of the error estimate.
-accuracy_options = combine(
+accuracy_options = add_options(
     click.option(
         "--tolerance",
         type=click.FloatRange(0, 1, min_open=True, max_open=True),
@@ -234,7 +234,7 @@ accuracy_options = combine(
 )
 
 
-def warn(sentences: Iterable[str], err: bool = False) -> None:
+def print_warnings(sentences: Iterable[str], err: bool = False) -> None:
     """Print each of ``sentences`` as a warning, to standard error if ``err``."""
     for sentence in sentences:
         click.echo(f"warning    {sentence}", err=err)
@@ -267,7 +267,7 @@ def print_outcome(
         if picture:
             printed.append(f"written    {Path(summary['folder'], picture['file'])} ({picture['camera']})")
         click.echo("\n".join(printed))
-    warn(warnings, err=quiet)
+    print_warnings(warnings, err=quiet)
 
 
 def spacing_and_options(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:

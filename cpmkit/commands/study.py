@@ -82,7 +82,7 @@ def report_study(studies: tuple[Path, ...], table: Path | None, costs: Path | No
     report.md and the figures are written beside them. Studies with a reference share one printed table.
     """
     from cpmkit.files.whole_files import written_whole
-    from cpmkit.studies.report import table_of, trade_of, write_report
+    from cpmkit.studies.report import error_tables, pareto_tables, write_report
     from cpmkit.studies.studyfile import load_study
     from cpmkit.studies.tables import costs_table
 
@@ -90,11 +90,11 @@ def report_study(studies: tuple[Path, ...], table: Path | None, costs: Path | No
         write_report(study) if study.is_dir() else write_report(Path(study.stem), load_study(study).content)
         for study in studies
     ]
-    text = table_of(reports)
+    text = error_tables(reports)
     click.echo(text)
     for report in reports:
         if report.trades:
-            click.echo(f"\n{trade_of(report)}")
+            click.echo(f"\n{pareto_tables(report)}")
     target = {table: text, costs: costs_table([(report.title, report.series) for report in reports])}
     pages = {page: content for page, content in target.items() if page is not None}
     for page, content in pages.items():

@@ -45,7 +45,7 @@ def whole_numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
     )
 
 
-def one_of(*words: str) -> Kind:
+def choice_of(*words: str) -> Kind:
     """Return the kind of texts that are one of ``words``."""
     return Kind(f"one of {', '.join(words)}", lambda value: type(value) is str and value in words)
 
@@ -118,7 +118,7 @@ def _kind(hint: Any) -> Kind:
     if hint in plain:
         return plain[hint]
     if get_origin(hint) is Literal:
-        return one_of(*get_args(hint))
+        return choice_of(*get_args(hint))
     arguments = [_kind(argument) for argument in get_args(hint) if argument not in (NoneType, Ellipsis)]
     if get_origin(hint) is tuple:
         return list_of(arguments[0])

@@ -143,13 +143,13 @@ def table_schemas(problem_needs: bool = True) -> Schema:
             {
                 "folder": {"description": "Where results go, inside the working directory.", "type": "string"},
                 "files": {"description": "Names of files in it.", "type": "array", "items": {"type": "string"}},
-                "picture": {"anyOf": [{"type": "string"}, table_of(keys_of(PictureRequest))]},
+                "picture": {"anyOf": [{"type": "string"}, table_schema(keys_of(PictureRequest))]},
             }
         ),
     }
 
 
-def table_of(keys: Iterable[Key]) -> Schema:
+def table_schema(keys: Iterable[Key]) -> Schema:
     """Return the JSON schema of a table with these ``keys``, none of them required."""
     return _table({key.name: _key_schema(key) for key in keys})
 

@@ -139,22 +139,22 @@ def evaluate_on_sides(solution: SolutionRecord, points: Floats, sides: Ints) -> 
     """
     values = np.empty((len(points), solution.channels))
     boundaries = solution.scene.boundaries
-    moved = moved_onto_boundaries(solution.scene, points, sides)
-    for combination, rows in _by_sides(sides):
+    moved = project_onto_boundaries(solution.scene, points, sides)
+    for combination, rows in _group_by_sides(sides):
         on = [(boundary, code) for boundary, code in zip(boundaries, combination, strict=False) if code]
         side: dict[str, Side] = {boundary.name: "left" if code > 0 else "right" for boundary, code in on}
         values[rows] = solution.evaluate(moved[rows], side=side or None).reshape(len(rows), -1)
     return values
 
 
-def moved_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
+def project_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
     """Return ``points`` (n, d) projected onto the boundaries for which ``sides`` (n, boundaries) is not zero.
 
     A solution has two sides only on the curve, and a cut, which is straight across a cell, is off a curve by a distance
     of second order. Where curves cross, alternating projections lead to the crossing.
     """
     moved = np.array(points)
-    for combination, rows in _by_sides(sides):
+    for combination, rows in _group_by_sides(sides):
         curves = [one.source for one, code in zip(scene.boundaries, combination, strict=False) if code]
         for _ in range(1 if len(curves) < 2 else 20):  # alternating projections converge to a crossing
             for curve in curves:
@@ -162,7 +162,7 @@ def moved_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
     return moved
 
 
-def _by_sides(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
+def _group_by_sides(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
     """Yield each combination (boundaries,) of sides that occurs in ``sides`` (n, boundaries), and its rows."""
     combinations, member = np.unique(sides, axis=0, return_inverse=True)
     for index, combination in enumerate(combinations):

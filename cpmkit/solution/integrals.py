@@ -24,7 +24,7 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions, mesh_method, refine_mixed_cells, with_corners
 from cpmkit.scene.boundary import boundary_number
 from cpmkit.scene.data import evaluate_data
-from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS, evaluate_on_sides, moved_onto_boundaries
+from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS, evaluate_on_sides, project_onto_boundaries
 from cpmkit.types import Floats, Ints, Side
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def _cells_to_integrate(solution: SolutionRecord, dim: int) -> tuple[Mesh, Float
     mesh, scene = solution.display_mesh(), solution.scene
     corners = cells_of_dimension(mesh.cells, scene.surface, dim)
     sides = mesh.sides if mesh.sides is not None else np.zeros((len(mesh.points), 0), dtype=np.int64)
-    points = moved_onto_boundaries(scene, mesh.points, sides)
+    points = project_onto_boundaries(scene, mesh.points, sides)
     points = scene.surface.closest_point(points).points
     flat = Mesh.of(points, corners)
     a, b = flat.edges.ends.T
@@ -103,7 +103,7 @@ def _cells_to_integrate(solution: SolutionRecord, dim: int) -> tuple[Mesh, Float
     middles = edge_midpoints_on(scene.surface, flat)
     on_boundary = np.flatnonzero(shared.any(axis=1))
     straight = 0.5 * (points[a] + points[b])[on_boundary]
-    moved = scene.surface.closest_point(moved_onto_boundaries(scene, straight, shared[on_boundary])).points
+    moved = scene.surface.closest_point(project_onto_boundaries(scene, straight, shared[on_boundary])).points
     middles[on_boundary] = limit_midpoint_shift(straight, moved, flat.edge_lengths[on_boundary])
     off = (np.linalg.norm(moved - middles[on_boundary], axis=1) > 0)[:, None]
     shared[on_boundary] = np.where(off, 0, shared[on_boundary])

@@ -18,9 +18,9 @@ from cpmkit.files.plain_values import (
     TEXT,
     Kind,
     check_fields,
+    choice_of,
     list_of,
     numbers,
-    one_of,
     or_none,
     table_of,
     whole_numbers,
@@ -63,7 +63,7 @@ OPTIONAL_ENTRIES = {
         )
     ),
     "seconds": table_of(SIZE_KIND),
-    "bytes_are": or_none(one_of("measured", "foretold")),
+    "bytes_are": or_none(choice_of("measured", "foretold")),
 }
 
 
@@ -203,7 +203,7 @@ class Series:
         return float(across @ np.log(self.errors) / (across @ across))
 
 
-def gather(records: Sequence[Record]) -> list[Series]:
+def group_into_series(records: Sequence[Record]) -> list[Series]:
     """Return the series of records, in the order in which they first appear; runs with errors are left out."""
     good = [record for record in records if "error" not in record]
     keys = list(dict.fromkeys(_series_key(record) for record in good))

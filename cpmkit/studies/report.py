@@ -13,7 +13,7 @@ import numpy as np
 from cpmkit.errors import InputError, printable
 from cpmkit.files.whole_files import written_whole
 from cpmkit.studies import tables
-from cpmkit.studies.records import RECORDS_FILE, Record, Series, gather, read_records
+from cpmkit.studies.records import RECORDS_FILE, Record, Series, group_into_series, read_records
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,7 +69,7 @@ def work_figure(series: Sequence[Series], title: str) -> Figure:
 def trade_figure(series: Sequence[Series], title: str) -> Figure:
     """Return a figure of rms error against CPU seconds and against memory, log-log, with the Pareto fronts in grey."""
     made = tables.attempts(series)
-    fronts = {cost: tables.front(made, cost) for cost in tables.COSTS if tables.front(made, cost)}
+    fronts = {cost: tables.pareto_front(made, cost) for cost in tables.COSTS if tables.pareto_front(made, cost)}
     figure, all_axes = _figure(title, len(fronts))
     for axes, (cost, best) in zip(all_axes, fronts.items(), strict=True):
         x, y = [getattr(each, cost) for each in best], [each.error for each in best]
@@ -186,7 +186,7 @@ def write_report(folder: Path, content: str | None = None) -> Report:
     if not records:
         reason = f"{len(every)} records, none of the study file as it is now" if every else "no records"
         raise InputError(f"{folder / RECORDS_FILE} holds {reason}; run `cpmkit study run` first.")
-    series = gather(records)
+    series = group_into_series(records)
     if not series:
         raise InputError(
             f"all {len(records)} runs of {folder / RECORDS_FILE} ended with errors, first {records[0]['error']!r}."
@@ -214,13 +214,13 @@ def _one_line(text: str) -> str:
     return printable(" ".join(text.split())).replace("|", r"\|")
 
 
-def trade_of(report: Report) -> str:
+def pareto_tables(report: Report) -> str:
     """Return Markdown tables: the cheapest attempt for each decade of error, and the Pareto front of error and cost."""
     made = tables.attempts(report.series)
     return "\n\n".join([tables.winners_table(made), "Unbeaten in error and cost:", tables.front_table(made)])
 
 
-def table_of(reports: Sequence[Report]) -> str:
+def error_tables(reports: Sequence[Report]) -> str:
     """Return Markdown tables of errors: a table for all reports with a reference, and a table for each other."""
     compared = [(report.title, report.by_spacing) for report in reports if report.compares and report.by_spacing]
     parts = [tables.comparison_table(compared)] if compared else []
@@ -234,10 +234,10 @@ def table_of(reports: Sequence[Report]) -> str:
 def _page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
     """Return the page in Markdown: errors, ``figures`` (file names), costs, failed runs, count ``left_out``."""
     errors_line = tables.differences_sentence(report.series) if report.compares else tables.error_sentence(records)
-    parts = [f"# {report.title}", table_of([report]), errors_line]
+    parts = [f"# {report.title}", error_tables([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]
     if report.trades:
-        parts += ["## Which buys which error for what", trade_of(report)]
+        parts += ["## Which buys which error for what", pareto_tables(report)]
     parts += ["## What it cost, with errors in the unit of u", tables.costs_table([(report.title, report.series)])]
     failed = [record for record in records if "error" in record]
     if failed:

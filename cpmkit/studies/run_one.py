@@ -53,7 +53,7 @@ def check_study(study: Study) -> None:
     """
     check_comparable(study.scene)
     if study.sweep.spacings is not None:
-        at_spacing(study.scene, study.sweep.step_per_spacing, study.sweep.spacings[0])
+        with_step_for_spacing(study.scene, study.sweep.step_per_spacing, study.sweep.spacings[0])
     if study.solution is not None and study.solution.takes_time and getattr(study.scene.problem, "until", None) is None:
         raise SceneError(f"u of [exact] depends on t, and the problem {study.scene.problem.kind!r} has no time.")
     for method in study.sweep.methods:
@@ -65,7 +65,7 @@ def check_study(study: Study) -> None:
         factory(backend, "cpmkit_backends")
 
 
-def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
+def with_step_for_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
     """Return the scene with equal time steps up to ``step_per_spacing`` times ``spacing``, unless either is None.
 
     Raises SceneError if the scene's problem has no time step.
@@ -87,7 +87,7 @@ def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_p
     """
     named = {"study": study.name, "title": study.title, "content": study.content}
     record: Record = {**named, "reference": study.exact.reference, **run.as_dict()}
-    scene = at_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
+    scene = with_step_for_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
     before, start = reset_peak_memory(), time.process_time()
     try:
         with collected_warnings():  # the record holds them

@@ -24,7 +24,7 @@ from cpmkit.plugins import call_factory, check_accepted
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
 from cpmkit.scenefile.documented_keys import Key, keys_of
-from cpmkit.scenefile.kinds import DRAFT, definitions, table_of, table_schemas
+from cpmkit.scenefile.kinds import DRAFT, definitions, table_schema, table_schemas
 from cpmkit.scenefile.scene_files import read_options, read_scene
 from cpmkit.studies.sweep import TARGETS, Sweep, listed_options, read_sweep
 
@@ -250,8 +250,8 @@ def study_schema() -> dict[str, Any]:
             "title": {"description": "For the report.", "type": "string"},
             **{name: table for name, table in tables.items() if name != "output"},
             "let": {"description": "Names of formulas for the rest of the file.", "type": "object"},
-            "exact": table_of(keys_of(Exact)),
-            "sweep": table_of([*sweep, *lists]),
+            "exact": table_schema(keys_of(Exact)),
+            "sweep": table_schema([*sweep, *lists]),
         },
         "required": ["surface", "problem", "exact", "sweep"],
         "additionalProperties": False,

@@ -162,7 +162,7 @@ def attempts(series: Sequence[Series]) -> list[Attempt]:
     return made
 
 
-def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
+def pareto_front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
     """Return the Pareto front of ``made``, cheapest first: attempts with errors below those of all that cost no more.
 
     ``cost`` is a key of :data:`COSTS`. Attempts of which it is not recorded (nan) are left out.
@@ -181,7 +181,7 @@ def cheapest_by_decade(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]
     The keys are the integers k, the largest first; ``cost`` is a key of :data:`COSTS`. Errors below 1e-16 are rounding
     and count as 1e-16.
     """
-    on_front = front(made, cost)
+    on_front = pareto_front(made, cost)
     if not on_front:
         return {}
     first, last = (math.ceil(math.log10(max(on_front[k].error, 1e-16))) for k in (0, -1))
@@ -191,7 +191,7 @@ def cheapest_by_decade(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]
 
 def winners_table(made: Sequence[Attempt]) -> str:
     """Return a Markdown table: for each decade of error, the attempt that reaches it at the least of each cost."""
-    found = {cost: cheapest_by_decade(made, cost) for cost in COSTS if front(made, cost)}
+    found = {cost: cheapest_by_decade(made, cost) for cost in COSTS if pareto_front(made, cost)}
     heads = [head for cost in found for head in (f"least {COSTS[cost]}", COSTS[cost])]
     lines = [table_row(["rms error below, of the range", *heads]), "|--:|" + "---|--:|" * len(found)]
     for power in sorted({power for winners in found.values() for power in winners}, reverse=True):
@@ -205,7 +205,7 @@ def winners_table(made: Sequence[Attempt]) -> str:
 
 def front_table(made: Sequence[Attempt]) -> str:
     """Return a Markdown table of the attempts on the Pareto fronts of error and each cost, the largest error first."""
-    fronts = {cost: front(made, cost) for cost in COSTS}
+    fronts = {cost: pareto_front(made, cost) for cost in COSTS}
     rows = [["", "", "unbeaten in", "rms error, of the range", *COSTS.values()]]
     for each in sorted({each for on_front in fronts.values() for each in on_front}, key=lambda each: -each.error):
         where = " and ".join(COSTS[cost] for cost, on_front in fronts.items() if each in on_front)

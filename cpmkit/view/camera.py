@@ -28,7 +28,7 @@ class Camera:
         return np.asarray((points - self.centre) @ self.axes.T)
 
 
-def fit(points: Floats, more: Floats, width: int, look: Look) -> Camera:
+def make_camera(points: Floats, more: Floats, width: int, look: Look) -> Camera:
     """Return the camera that shows the model ``points`` (n, d) and ``more`` (k, 3) as large as ``width`` pixels allow.
 
     In the plane the model is seen from above, else from ``look.view``, with ``look.up`` vertical as far as the view

@@ -14,7 +14,7 @@ from cpmkit.mesh.mesh import Connectivity
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.types import Floats, Ints
-from cpmkit.view.camera import Camera, fit
+from cpmkit.view.camera import Camera, make_camera
 from cpmkit.view.colours import INK, Bar
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: i
         pins.append(in_space(solution.doubled))
     segments, dots = np.concatenate(curves), np.concatenate(pins)
     more = np.concatenate([segments.reshape(-1, 3), dots])
-    return fit(mesh.points, more, width, look), segments, dots
+    return make_camera(mesh.points, more, width, look), segments, dots
 
 
 def outlines(drawing: Drawing) -> Shapes:

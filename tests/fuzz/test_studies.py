@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cpmkit.errors import CpmkitError
-from cpmkit.studies.report import table_of, write_report
+from cpmkit.studies.report import error_tables, write_report
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
 
@@ -95,7 +95,7 @@ def run(path: Path) -> None:
 
 def report(folder: Path) -> None:
     """Write a report and its table."""
-    answered(lambda: table_of([write_report(folder)]))
+    answered(lambda: error_tables([write_report(folder)]))
 
 
 def change_study(data: st.DataObject, folder: Path) -> None:

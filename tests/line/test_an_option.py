@@ -11,7 +11,7 @@ from cpmkit.errors import shown
 from cpmkit.forms import choice
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.runtime.options import DeclaredOptions, option
-from cpmkit.studies.records import gather, read_records
+from cpmkit.studies.records import group_into_series, read_records
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
 
@@ -99,7 +99,7 @@ def test_it_is_varied_by_studies(tmp_path):
     records = read_records(tmp_path / "records.jsonl")
     assert [record["smooth"] for record in records] == [False, True]
     assert records[1]["unknowns"] == ck.solve(CIRCLE, 0.2, degree=5).work.unknowns > records[0]["unknowns"]
-    assert [one.label for one in gather(records)] == ["smooth False", "smooth True"]
+    assert [one.label for one in group_into_series(records)] == ["smooth False", "smooth True"]
     assert run_study(study, tmp_path).made == 0
     with pytest.raises(ck.SceneError, match=r"smooths of \[sweep\] must be true or false, got 1"):
         load_study(written(tmp_path, f"{TEXT}{STUDY}smooths = [1]\n"))

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpmkit.studies.records import gather, read_records
+from cpmkit.studies.records import group_into_series, read_records
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
 
@@ -20,7 +20,7 @@ def series_of(name, folder, cheap=True, **changes):
     assert outcome.failed == 0
     return {
         (one.method, *(one.options.get(name) for name in ("degree", "order"))): one
-        for one in gather(read_records(outcome.file))
+        for one in group_into_series(read_records(outcome.file))
     }
 
 

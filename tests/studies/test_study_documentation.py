@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from measure_docs import block_texts
 
 from cpmkit.cli import main
-from cpmkit.studies.records import gather, read_records
+from cpmkit.studies.records import group_into_series, read_records
 from cpmkit.studies.reference_values import reference_of
 from cpmkit.studies.run_one import make_run, run_study
 from cpmkit.studies.studyfile import load_study
@@ -26,7 +26,7 @@ def test_the_study_in_the_documentation_converges(tmp_path):
     study = load_study(file)
     coarse = replace(study, sweep=replace(study.sweep, spacings=[0.2, 0.14, 0.1]))
     outcome = run_study(coarse, tmp_path)
-    first, second = gather(read_records(outcome.file))
+    first, second = group_into_series(read_records(outcome.file))
     assert second.fitted_order > 1.7
     assert all(np.array(second.errors) < first.errors)
 

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from cpmkit.cli import main
-from cpmkit.studies.records import append_record, gather, read_records
+from cpmkit.studies.records import append_record, group_into_series, read_records
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
 
@@ -51,7 +51,7 @@ def measured(name, folder):
     assert study.sweep.origins >= 4
     outcome = run_study(study, folder, spacings=[study.sweep.spacings[0]])
     assert outcome.failed == 0
-    collocation, galerkin = gather(read_records(outcome.file))
+    collocation, galerkin = group_into_series(read_records(outcome.file))
     assert (collocation.method, galerkin.method) == ("cpm", "galerkin")
     return study.title, collocation, galerkin
 
@@ -84,7 +84,7 @@ def test_the_rows_of_a_real_mesh_are_printed_again(real_mesh, tmp_path):
 def test_the_galerkin_form_converges_on_an_open_curve_in_space(tmp_path):
     study = load_study(STUDIES / "forms-helix.toml")
     sweep = replace(study.sweep, methods=["galerkin"], origins=1, spacings=[0.2, 0.14, 0.1, 0.07])
-    (one,) = gather(read_records(run_study(replace(study, sweep=sweep), tmp_path).file))
+    (one,) = group_into_series(read_records(run_study(replace(study, sweep=sweep), tmp_path).file))
     rms = [entry.rms_error for entry in one.entries]
     assert np.polyfit(np.log(one.spacings), np.log(rms), 1)[0] > 2.7
 

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, PluginError, SceneError
-from cpmkit.studies.records import append_record, gather, read_records
+from cpmkit.studies.records import append_record, group_into_series, read_records
 from cpmkit.studies.reference_values import reference_of
 from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import make_run, run_study
@@ -310,10 +310,10 @@ def test_errors_of_zero_and_constants_make_a_report(reference, tmp_path):
     report = write_report(tmp_path)
     assert len(report.files) > 1  # a table and figures
     assert all(file.is_file() for file in report.files)
-    series = gather(read_records(tmp_path / "records.jsonl"))
+    series = group_into_series(read_records(tmp_path / "records.jsonl"))
     assert series[0].fitted_order is None
 
 
 def test_two_spacings_that_are_one_have_no_order():
-    series = gather([record(spacing=0.1), record(spacing=0.1 * (1 + 1e-15), error=0.2)])
+    series = group_into_series([record(spacing=0.1), record(spacing=0.1 * (1 + 1e-15), error=0.2)])
     assert series[0].fitted_order is None

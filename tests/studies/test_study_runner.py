@@ -10,10 +10,10 @@ import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.studies import report
-from cpmkit.studies.records import append_record, drop_unfinished_line, gather, read_records
+from cpmkit.studies.records import append_record, drop_unfinished_line, group_into_series, read_records
 from cpmkit.studies.reference_values import sample_points, solve_by_fixed_nodes
 from cpmkit.studies.report import write_report
-from cpmkit.studies.run_one import at_spacing, run_study
+from cpmkit.studies.run_one import run_study, with_step_for_spacing
 from cpmkit.studies.studyfile import expand_all, expand_names, load_study
 from cpmkit.studies.sweep import Run, Sweep
 
@@ -240,7 +240,7 @@ def test_errors_are_rms_over_the_lattices_positions(file, tmp_path):
     assert outcome.made == 9
     records = read_records(outcome.file)
     assert len({record["max_error"] for record in records}) == 9
-    (series,) = gather(records)
+    (series,) = group_into_series(records)
     finest = [record["max_error"] for record in records if record["spacing"] == 0.025]
     assert series.entries[-1].error == pytest.approx(np.sqrt(np.mean(np.square(finest))))
     assert "over 3 positions of the grid" in write_report(tmp_path).files[0].read_text()
@@ -258,18 +258,18 @@ def made_up(method="cpm", order=2, slope=2.0, factor=1.0):
 
 
 def test_fitted_orders_are_the_slopes_of_the_records():
-    series = gather([*made_up(order=1, slope=1.0), *made_up(slope=1.9), *made_up("nearest", None, 0.7)])
+    series = group_into_series([*made_up(order=1, slope=1.0), *made_up(slope=1.9), *made_up("nearest", None, 0.7)])
     assert [round(one.fitted_order, 9) for one in series] == [1.0, 1.9, 0.7]
     assert [one.label for one in series] == [
         "closest point method, order 1",
         "closest point method, order 2",
         "nearest point",
     ]
-    assert gather(made_up()[:1])[0].fitted_order is None
+    assert group_into_series(made_up()[:1])[0].fitted_order is None
 
 
 def test_figures_hold_the_records_and_reference_slopes():
-    series = gather([*made_up(order=1, slope=1.0), *made_up(slope=2.0)])
+    series = group_into_series([*made_up(order=1, slope=1.0), *made_up(slope=2.0)])
     (axes,) = report.convergence_figure(series, "Made up").axes
     drawn = {line.get_label(): line for line in axes.lines}
     second = drawn["order 2 (fitted order 2.00)"]
@@ -299,12 +299,12 @@ def test_the_time_step_is_tied_to_the_spacing():
         problem: Timed
 
     scene = Timeful(Timed())
-    assert at_spacing(scene, None, 0.05) is scene
+    assert with_step_for_spacing(scene, None, 0.05) is scene
     for spacing, steps in ((0.2, 5), (0.1, 10), (0.05, 20), (0.15, 7)):
-        assert at_spacing(scene, 0.1, spacing).problem.step == pytest.approx(0.1 / steps, rel=1e-12)
+        assert with_step_for_spacing(scene, 0.1, spacing).problem.step == pytest.approx(0.1 / steps, rel=1e-12)
     steady = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0))
     with pytest.raises(SceneError, match=r"step_per_spacing of .sweep. is for problems with a time step"):
-        at_spacing(replace(steady), 0.1, 0.05)
+        with_step_for_spacing(replace(steady), 0.1, 0.05)
 
 
 def test_sample_points_lie_on_the_surface_and_off_its_boundaries(file):

@@ -9,13 +9,13 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
-from cpmkit.studies.records import gather, read_records
+from cpmkit.studies.records import group_into_series, read_records
 from cpmkit.studies.reference_values import refined_mesh, solve_on_refined_mesh
 from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import costs_in_memory, run_study
 from cpmkit.studies.studyfile import load_study
 from cpmkit.studies.sweep import Run, Sweep
-from cpmkit.studies.tables import Attempt, cheapest_by_decade, front
+from cpmkit.studies.tables import Attempt, cheapest_by_decade, pareto_front
 
 TEXT = """
 [surface]
@@ -92,7 +92,7 @@ def test_a_record_has_the_target_and_the_result(file, tmp_path):
         assert {"pilot"} <= set(one["seconds"]) <= {"pilot", "companion", "answer", "correction"}
         assert one["bytes_are"] in ("measured", "foretold")
     assert run_study(study, tmp_path).made == 0  # found again by what was asked for, not by the spacing that was found
-    every = gather(read_records(outcome.file))
+    every = group_into_series(read_records(outcome.file))
     assert [one.target for one in every] == ["", "", "tolerance", "tolerance"]
     assert [entry.target for entry in every[-1].entries] == [1e-2, 1e-3]
     said = CliRunner().invoke(main, ["study", "report", str(tmp_path)])
@@ -119,11 +119,11 @@ def made(error, seconds, mebibytes=1.0):
 def test_no_other_beats_the_front_in_both():
     rng = np.random.default_rng(0)
     every = [made(*pair) for pair in 10 ** rng.uniform(-3, 0, (60, 2))]
-    kept = front(every, "seconds")
+    kept = pareto_front(every, "seconds")
     for one in every:
         beaten = any(other.error < one.error and other.seconds < one.seconds for other in every)
         assert beaten != (one in kept)
-    assert front([made(1.0, np.nan)], "seconds") == []
+    assert pareto_front([made(1.0, np.nan)], "seconds") == []
 
 
 def test_the_cheapest_below_each_decade_wins():
