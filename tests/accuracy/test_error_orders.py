@@ -43,12 +43,12 @@ def test_errors_are_taken_to_fall_faster_the_finer_the_lattices_and_the_nearer_t
 
 
 @pytest.mark.parametrize("mesh", [plate(0.02), fold(20)])
-def test_folds_that_stay_are_slow_beside_a_coarser_lattice(mesh):
+def test_errors_beside_folds_are_taken_to_fall_fast(mesh):
     vertices, faces = mesh
     source = ck.source("mesh.triangles", vertices=vertices, faces=faces)
     estimate = estimate_of(ck.Scene(source, ck.ScreenedPoisson(lambda x: x[:, 0])), 0.05, 0.1)
-    assert estimate.order < 1.0
-    assert "fall slowly" in estimate.slow
+    assert estimate.order > 1.5
+    assert not estimate.slow
 
 
 def test_a_strip_with_one_side_is_not_folded_where_its_cells_turn_round():

@@ -1,7 +1,6 @@
 """Every solution tells its error: when it is read, at once, tightly, or not at all."""
 
 import json
-import re
 
 import numpy as np
 import pytest
@@ -103,7 +102,7 @@ def test_layers_thinner_than_a_spacing_are_reported_and_their_error_is_not_taken
         assert not ck.discretize(free, 0.1).diagnosis().slow
 
 
-def test_folds_as_long_as_the_surface_is_wide_are_reported_at_any_spacing():
+def test_folds_as_long_as_the_surface_is_wide_are_not_slow_as_they_are_tied():
     """A knife's edge of 30 degrees around a lens, and a cube's edges of 90."""
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     rim = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
@@ -114,8 +113,8 @@ def test_folds_as_long_as_the_surface_is_wide_are_reported_at_any_spacing():
     lens = ck.Scene((vertices, np.concatenate(faces)), ck.ScreenedPoisson("x"))
     cube = ck.Scene(box(), ck.ScreenedPoisson("x"))
     for spacing in (0.1, 0.05):
-        assert re.match("thin, folded or creased|long folds or creases", ck.discretize(lens, spacing).diagnosis().slow)
-        assert not ck.discretize(cube, spacing, form="galerkin").diagnosis().slow
+        for scene in (lens, cube):
+            assert not ck.discretize(scene, spacing).diagnosis().slow
 
 
 def test_waves_and_heat_have_an_error_in_time():

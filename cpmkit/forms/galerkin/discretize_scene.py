@@ -66,7 +66,7 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     progress("space", 0.0)
     samples: Any = sampled.samples
     degree = options.own.degree
-    dof_map = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell, degree)
+    dof_map = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell, degree, sampled.tied)
     sampled = replace(sampled, samples=QuantisedSamples.of(samples, dof_map))
     del samples  # quantised: the samples themselves are released
     stabilisation = STABILISATIONS[degree][options.own.stabilisation]
@@ -118,10 +118,11 @@ def discretize_in_regions(
     """Return the discretisation of a scene with inserted boundaries, on splines that are refined in ``regions``."""
     sampled = sample_inserted(scene, options, inserted, regions)
     samples: Any = sampled.samples
-    first = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell)
+    first = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell, tied=sampled.tied)
     levels = level_splines(first, samples.points, sampled.corners, samples.cell, regions)
     stabilisation = STABILISATIONS[2][options.own.stabilisation]
-    space = build_refined_space(samples, sampled.interior, sampled.corners, levels, regions, stabilisation)
+    interior, tied = sampled.interior, sampled.tied
+    space = build_refined_space(samples, interior, sampled.corners, levels, regions, stabilisation, tied)
     return galerkin(scene, options, replace(sampled, samples=space.splines.samples), space)
 
 

@@ -9,7 +9,7 @@ distances.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,8 @@ from cpmkit.types import Bools, Floats, Ints
 #: A piece of a surface whose bounding box is shorter than this along every axis, in spacings, has one unknown; so has a
 #: curve that is shorter. Splines cannot be distinguished on it.
 ISOLATED_SPACINGS = 2.0
+#: No pairs of patches.
+NO_PAIRS = np.zeros((0, 2), dtype=np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,8 @@ class DofMap:
     touching: Any  #: (t, 2) int32: pairs of patches with samples that touch, each pair once.
     patch: Any  #: (q,) int32: the patch of each sample.
     degree: int = 2  #: Degree of the splines: 1, 2 or 3.
+    #: (t, 2) int32: pairs of patches at the lips of a tie, where u is continuous.
+    tied: Any = field(default_factory=lambda: NO_PAIRS)
 
     @property
     def size(self) -> int:
@@ -80,22 +84,33 @@ class DofMap:
         return np.ones(1)
 
 
-def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = None, degree: int = 2) -> DofMap:
+def build_dof_map(
+    points: Floats, contacts: Any, spacing: float, cell: Any = None, degree: int = 2, tied: Ints | None = None
+) -> DofMap:
     """Return the dof map of splines of a ``degree``: the patches of samples ``points`` (q, d), and their unknowns.
 
     ``contacts`` (m, k) are the vertices of the cells of the mesh that was cut along the boundaries, ``cell`` (q,) is
-    the mesh cell of each sample, by default cell i of sample i. Points are relative to the origin of the lattice. A
+    the mesh cell of each sample, by default cell i of sample i, ``tied`` (t, 2) are pairs of samples at the lips of
+    ties. Points are relative to the origin of the lattice. A
     connected piece of the manifold smaller than `ISOLATED_SPACINGS` has one unknown, which all of its patches read.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     cell = np.arange(len(points)) if cell is None else cell
     patch, roots, touching = build_patches(cell_codes(points, spacing), contacts, cell)
     cells = np.floor(points[roots] / spacing + 0.5).astype(np.int64)
-    count, piece = connected_components(len(roots), touching)
+    pairs = NO_PAIRS if tied is None else unequal_pairs(patch[tied], len(roots))
+    count, piece = connected_components(len(roots), np.concatenate([touching, pairs]))
     extent = piece_extents(points, patch, piece, count)
     size = norms(extent) if np.shape(contacts)[1] == 2 else extent.max(axis=1)
     isolated = size < ISOLATED_SPACINGS * spacing
-    return dof_map_from_patches(spacing, cells, touching, patch, isolated[piece], degree)
+    return dof_map_from_patches(spacing, cells, touching, patch, isolated[piece], degree, pairs)
+
+
+def unequal_pairs(pairs: Any, count: int) -> Any:
+    """Return the distinct ``pairs`` (t, 2) of different numbers below ``count``, the smaller number first, as int32."""
+    low, high = np.sort(pairs, axis=1).astype(np.int64).T
+    codes = np.unique(low[low < high] * count + high[low < high])
+    return np.stack([codes // count, codes % count], axis=1).astype(np.int32)
 
 
 def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
@@ -116,7 +131,7 @@ def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
 
 
 def dof_map_from_patches(
-    spacing: float, cells: Ints, touching: Any, patch: Any, isolated: Bools, degree: int = 2
+    spacing: float, cells: Ints, touching: Any, patch: Any, isolated: Bools, degree: int = 2, tied: Any = NO_PAIRS
 ) -> DofMap:
     """Return the dof map of given patches, with the attributes of :class:`DofMap`, and the unknowns numbered.
 
@@ -124,12 +139,16 @@ def dof_map_from_patches(
     """
     touching = np.ascontiguousarray(touching, dtype=np.int32)
     unknowns, nodes = number_unknowns(np.ascontiguousarray(cells), touching, isolated, degree + 1)
-    return DofMap(spacing, cells, unknowns, nodes, touching, patch, degree)
+    return DofMap(spacing, cells, unknowns, nodes, touching, patch, degree, tied)
 
 
-def connected_pieces(dof_map: DofMap) -> tuple[int, Ints]:
-    """Return the number of connected pieces of the manifold, and the piece (n,) that each unknown belongs to."""
-    count, piece = connected_components(len(dof_map.cells), dof_map.touching)
+def connected_pieces(dof_map: DofMap, across_ties: bool = True) -> tuple[int, Ints]:
+    """Return the number of connected pieces of the manifold, and the piece (n,) that each unknown belongs to.
+
+    Ties connect pieces, unless ``across_ties`` is False.
+    """
+    pairs = np.concatenate([dof_map.touching, dof_map.tied]) if across_ties else dof_map.touching
+    count, piece = connected_components(len(dof_map.cells), pairs)
     piece_of_unknown = np.empty(dof_map.size, dtype=np.int64)
     piece_of_unknown[dof_map.unknowns] = piece[:, None]
     return count, piece_of_unknown

@@ -185,7 +185,7 @@ class EquationAssembly:
             number = names.index(str(boundary))
             chosen = (samples.owner == number) & ~samples.beyond_tip & (sampled.left == (side == "left"))
         else:
-            chosen = (samples.owner < 0) & (samples.half >= 0)
+            chosen = samples.on_rim
             if isinstance(boundary, int):
                 rows = np.flatnonzero(chosen)
                 chosen[rows] = (

@@ -112,7 +112,7 @@ class Galerkin(EquationAssembly, Discretized):
         """
         check(scene, self.options)
         sampled = self.sampled
-        if scene.problem.terms().conservative and np.any(sampled.half.cut < 0) and np.all(sampled.boundary.owner >= 0):
+        if scene.problem.terms().conservative and np.any(sampled.half.cut < 0) and not np.any(sampled.boundary.on_rim):
             raise SceneError(
                 "what a conservative velocity carries out through the edge is read at samples there, which this scene "
                 "was prepared without; prepare it with this problem."

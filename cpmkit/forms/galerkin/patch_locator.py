@@ -15,8 +15,11 @@ from cpmkit.forms.galerkin.sheet_separation import SheetSeparation, group_touchi
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.grid.lattice import Lattice, find_codes
 from cpmkit.manifold.source import ClosestPoints
+from cpmkit.manifold.vector_algebra import dots
 from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.mesh.cell_sides import CellSides
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.meshing.insertion.surface_matching import nearest_barycentric
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.types import Bools, Floats, Ints, Side
 
@@ -25,6 +28,8 @@ from cpmkit.types import Bools, Floats, Ints, Side
 NEIGHBOURS = (12, 96, 768)
 #: The factor of distances from the tangent plane of a sample: the point may lie on another sheet.
 HEIGHT_FACTOR = 10.0
+#: The factor of distances from the cell of a sample beside a tie: lips may lie in one plane, or at an acute angle.
+CELL_FACTOR = 100.0
 #: Points nearer to a boundary than this, in spacings, are evaluated on the side that the caller names: points of a
 #: boundary and their closest points on the manifold differ by up to 1e-6. Without a named side only points on the
 #: boundary itself are evaluated on the left.
@@ -44,6 +49,7 @@ class PatchLocator:
     boundaries: Sequence[OrientedBoundary]  #: The boundaries in the order of their numbers.
     #: Distinguishes sheets that lie close together, if the manifold was made from a mesh.
     sheets: SheetSeparation | None
+    mesh: Mesh  #: The mesh of the samples.
 
     def patches(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
         """Return the patches (k,) that evaluate u at ``feet`` (k,), and the samples (k,) by which they were chosen.
@@ -64,10 +70,11 @@ class PatchLocator:
             nearest[rows], rows = first, rows[shut]
             if not len(rows):
                 break
-        rows = np.flatnonzero(has_other_sheets)
-        if self.sheets is not None and feet.element is not None and len(rows):
+        rows, element = np.flatnonzero(has_other_sheets), feet.element if self.sheets is not None else None
+        if (element is not None or self._is_beside_tie.any()) and len(rows):
             for some in np.array_split(rows, len(rows) // 2**14 + 1):  # so that temporary arrays stay small
-                patch[some], nearest[some] = self._on_own_sheet(self.sheets, points[some], feet.element[some], side_of)
+                of_some = None if element is None else element[some]
+                patch[some], nearest[some] = self._on_own_sheet(points[some], of_some, side_of)
         return patch, nearest
 
     def signed_distance(self, number: int, points: Floats) -> Floats:
@@ -93,16 +100,26 @@ class PatchLocator:
         rows, best = np.arange(len(points)), np.where(contains, usable, np.inf).argmin(axis=1)
         return np.where(contains[rows, best], candidates[rows, best], patch), ~touch.all(axis=1)
 
-    def _on_own_sheet(
-        self, sheets: SheetSeparation, points: Floats, element: Ints, side_of: Mapping[int, Side]
-    ) -> tuple[Ints, Ints]:
-        """Return patches and samples (k,) as :meth:`patches` does, for ``points`` (k, d) close to several ``sheets``.
+    def _on_own_sheet(self, points: Floats, element: Ints | None, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
+        """Return patches and samples (k,) as :meth:`patches` does, for ``points`` (k, d) close to several sheets.
 
-        ``element`` (k,) is the source's own triangle or segment that contains each point.
+        ``element`` (k,) is the source's own triangle or segment that contains each point; None if the source has none.
         """
         rows = np.arange(len(points))
         distance, samples = self._nearest_samples(points, NEIGHBOURS[1])
         scores, _ = self._scores(points, samples, distance, side_of)
+        if element is not None:
+            self._exclude_farther_sheets(points, samples, scores, element)
+        first = samples[rows, scores.argmin(axis=1)]
+        return self._choose_patch(points, samples, scores, first)[0], first
+
+    def _exclude_farther_sheets(self, points: Floats, samples: Ints, scores: Floats, element: Ints) -> None:
+        """Set the ``scores`` (k, q) of ``samples`` (k, q) to infinity on sheets that are farther along the manifold.
+
+        The way starts in the source's cell ``element`` (k,) that contains each of the ``points`` (k, d).
+        """
+        assert self.sheets is not None
+        rows = np.arange(len(points))
         patches = np.asarray(self.dof_map.patch[samples], dtype=np.int64)
         touching = group_touching_patches(patches, self._touching_codes, len(self.dof_map.cells))
         group = np.where(np.isfinite(scores), touching, -1)
@@ -110,26 +127,29 @@ class PatchLocator:
         several = np.flatnonzero(((group != best) & (group >= 0)).any(axis=1))
         group, best = group[several], best[several]
         cells = self.samples.cell_at(samples[several])
-        lengths, margin = sheets.path_lengths(points[several], element[several], cells, group)
+        lengths, margin = self.sheets.path_lengths(points[several], element[several], cells, group)
         nearer = lengths.min(axis=1) < np.where(group == best, lengths, np.inf).min(axis=1) - margin
         shortest = np.take_along_axis(group, lengths.argmin(axis=1)[:, None], axis=1)
         chosen = np.where(nearer[:, None], shortest, best)
         scores[several] = np.where(group == chosen, scores[several], np.inf)
-        first = samples[rows, scores.argmin(axis=1)]
-        return self._choose_patch(points, samples, scores, first)[0], first
 
     def _scores(
         self, points: Floats, samples: Ints, distance: Floats, side_of: Mapping[int, Side]
     ) -> tuple[Floats, Bools]:
         """Return scores (k, q) of ``samples`` (k, q), and whether (k,) a boundary would exclude all samples of a point.
 
-        A score is the squared distance, with `HEIGHT_FACTOR` for the part off the tangent plane, and infinite across a
-        boundary. A boundary that would exclude all remaining samples of a point excludes none. ``distance`` (k, q),
-        ascending, is that of the samples from ``points`` (k, d); ``side_of`` is that of :meth:`patches`.
+        A score is the squared distance, with `HEIGHT_FACTOR` for the part off the tangent plane and beside ties
+        `CELL_FACTOR` for the distance to the cell of the sample, and infinite across a boundary. A boundary that would
+        exclude all remaining samples of a point excludes none. ``distance`` (k, q), ascending, is that of the samples
+        from ``points`` (k, d); ``side_of`` is that of :meth:`patches`.
         """
         off = points[:, None] - self.samples.points_at(samples)
         height = np.einsum("kqcd,kqd->kqc", self.samples.normals_at(samples), off)
         scores = distance**2 + HEIGHT_FACTOR**2 * (height**2).sum(axis=2)
+        rows = np.flatnonzero(self._is_beside_tie[self.dof_map.patch[samples]].any(axis=1))
+        if len(rows):
+            corners = self.mesh.vertices[self.mesh.cells[self.samples.cell_at(samples[rows])]]
+            scores[rows] += CELL_FACTOR**2 * _squares_to_cells(points[rows], corners)
         shut = np.zeros(len(points), dtype=bool)
         if not self.boundaries or not len(points):
             return scores, shut
@@ -165,6 +185,13 @@ class PatchLocator:
         return [self.sides.of_boundary(number) for number in range(len(self.boundaries))]
 
     @cached_property
+    def _is_beside_tie(self) -> Bools:
+        """(p,) whether a patch has samples at a tie."""
+        beside = np.zeros(len(self.dof_map.cells), dtype=bool)
+        beside[self.dof_map.tied] = True
+        return beside
+
+    @cached_property
     def _touching_codes(self) -> Ints:
         """(t,) codes first * count + second of pairs of patches that touch, first < second, ascending."""
         pairs = np.sort(self.dof_map.touching, axis=1).astype(np.int64)
@@ -192,3 +219,17 @@ class PatchLocator:
         from scipy.spatial import cKDTree
 
         return cKDTree(self.samples.points, balanced_tree=False)
+
+
+def _squares_to_cells(points: Floats, corners: Floats) -> Floats:
+    """Return the squared distances (k, q) of ``points`` (k, d) from flat cells with the ``corners`` (k, q, c, d)."""
+    own = np.broadcast_to(points[:, None], (*corners.shape[:2], points.shape[1]))
+    flat, cells = own.reshape(-1, points.shape[1]), corners.reshape(-1, *corners.shape[2:])
+    if cells.shape[1] == 3:
+        shares = nearest_barycentric(flat, cells)
+    else:
+        along = cells[:, 1] - cells[:, 0]
+        share = np.clip(dots(flat - cells[:, 0], along) / np.maximum(dots(along, along), np.finfo(float).tiny), 0, 1)
+        shares = np.stack([1 - share, share], axis=1)
+    off = flat - np.einsum("nc,ncd->nd", shares, cells)
+    return np.asarray(dots(off, off).reshape(corners.shape[:2]))

@@ -79,7 +79,8 @@ class PointReader:
         if isinstance(surface.source, HasGivenMesh):
             vertices, cells = surface.source.given_mesh
             sheets = SheetSeparation(sampled.mesh, vertices - surface.shift, cells, self.space.spacing)
-        return PatchLocator(sampled.lattice, sampled.samples, self.space.dof_map, sides, sampled.oriented, sheets)
+        parts = sampled.samples, self.space.dof_map, sides, sampled.oriented, sheets
+        return PatchLocator(sampled.lattice, *parts, sampled.mesh)
 
     def rows(self, points: Any, side: Sides = None) -> csr_array:
         """Return the matrix (k, n) that evaluates u on ``side`` at the points of the manifold nearest to ``points``."""

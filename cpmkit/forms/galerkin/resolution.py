@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
-from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition
+from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, Tie
 from cpmkit.forms.galerkin.dof_map import connected_pieces
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE, fold_warnings, resolution_warnings
@@ -140,7 +140,7 @@ class Resolution:
         c = float(self.coefficients.at_points(terms.c, "the factor c").max())
         if self.scene.has_tensor:
             return self._tensor_layer(c) / self.spacing
-        if c <= 0 or all(condition.beyond_tip for condition in self.conditions):
+        if c <= 0 or all(isinstance(condition.law, Tie) for condition in self.conditions):
             return np.inf
         a = float(self.coefficients.at_points(terms.diffusivity, "the diffusivity").min())
         return float(np.sqrt(a / c) / self.spacing)

@@ -13,6 +13,8 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, b
 from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     ImposedCondition,
+    Tie,
+    conditions_with_law,
     imposed_conditions,
     needs_rims,
     point_warnings,
@@ -37,6 +39,7 @@ from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
+from cpmkit.meshing.creases import with_creases
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.insertion.boundary_insertion import Insertion, insert_boundaries
 from cpmkit.meshing.mesh_cache import repair_source_mesh
@@ -97,6 +100,13 @@ class SampledScene(InsertedScene):
         return len(self.samples) - len(self.boundary)
 
     @property
+    def tied(self) -> Ints:
+        """(t, 2) pairs of samples at the lips of ties."""
+        lips = [condition.sides for condition in conditions_with_law(self.conditions, Tie)]
+        pairs = [np.stack([first, other], axis=1) for first, *others in lips for other in others]
+        return self.interior + np.concatenate([np.zeros((0, 2), dtype=np.int64), *pairs])
+
+    @property
     def queries(self) -> int:
         """Number of closest points computed, of the manifold and its boundaries."""
         sources = {id(source.queries): source.queries["points"] for source in (self.surface, *self.sources)}
@@ -138,14 +148,15 @@ def sample_inserted(
     has_singular_functions = options.own.tips == "singular" and mesh.manifold_dim == 2
     mesh = grade_towards_tips(mesh, spacing) if has_singular_functions else mesh
     mesh = curve_cells(mesh, geometry, surface, inserted.sources, spacing)
-    is_uncut = geometry != "closest_point" and not len(mesh.cut)  # repaired cells have distinct vertices
-    corners = mesh.cells if is_uncut else cut_corners(mesh)
-    half, winding = half_facets(mesh), mesh.winding
+    cut = with_creases(mesh, spacing, smooth=geometry == "normals")
+    is_uncut = geometry != "closest_point" and not len(cut.cut)  # repaired cells have distinct vertices
+    corners = mesh.cells if is_uncut else cut_corners(cut)
+    half, winding = half_facets(cut), mesh.winding
     warnings += tuple(seam_warnings(seam_midpoints(mesh, half), surface, geometry))
     terms = scene.problem.terms()
     flows_out = terms.conservative and terms.velocity is not None  # what leaves through rims is read at samples
-    boundary = boundary_samples(mesh, half, corners, needs_rims(scene) or flows_out, inserted.points)
-    left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
+    boundary = boundary_samples(cut, half, corners, needs_rims(scene) or flows_out, inserted.points)
+    left = left_of_boundaries(cut, half, corners, boundary, oriented, lattice)
     conditions = imposed_conditions(scene, boundary, left, surface, lattice)
     singular: tuple[SingularFunction, ...] = ()
     if has_singular_functions:

@@ -170,13 +170,10 @@ def resolution_warnings(
     number = np.unique(codes, return_inverse=True)[1]
     copies = np.bincount(number) - 1
     copies[number[dof_map.unknowns[boundaries]]] = 0
-    if copies.sum() > COPIES_SHARE * len(copies):
-        cause = "seams of the mesh that are not welded act as cuts; check the mesh, or"
-        if geometry == "closest_point":
-            cause = "sheets of it are near each other, or its triangulation is torn;"
+    if geometry == "closest_point" and copies.sum() > COPIES_SHARE * len(copies):
         yield (
-            f"{copies.sum()} of {dof_map.size} splines are copies at nodes that several parts of the "
-            f"manifold share: {cause} use a smaller spacing."
+            f"{copies.sum()} of {dof_map.size} splines are copies at nodes that several parts of the manifold share: "
+            "sheets of it are near each other, or its triangulation is torn; use a smaller spacing."
         )
 
 

@@ -137,8 +137,8 @@ def _nonmanifold_warnings(mesh: TriangleMesh) -> list[str]:
         return []
     return [
         f"{len(edges)} edges of the mesh are shared by three or more triangles, the first near "
-        f"{_place_of(mesh, edges[0])}: the surface branches there, the form 'galerkin' is of first order nearby, and "
-        "the form 'collocation' may be off by tens of percent; separate the sheets if they should not meet."
+        f"{_place_of(mesh, edges[0])}: the surface branches there, u is continuous, and the form 'collocation' "
+        "may be off by tens of percent; separate the sheets if they should not meet."
     ]
 
 

@@ -177,11 +177,21 @@ class BoundarySamples:
     #: (b,): the number of the facet in ``mesh.cut``; -1 on rims where no boundary lies, and at points of a surface.
     facet: Ints
     place: Ints  #: (b,): the number of the sample along the facet, from 0.
-    owner: Ints  #: (b,): the number of the boundary; -1 on rims where no boundary lies.
+    owner: Ints  #: (b,): the number of the boundary; -1 on rims where no boundary lies, and on creases and junctions.
     beyond_tip: Bools  #: (b,): whether the facet lies on the continuation of its boundary past a tip.
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @property
+    def on_rim(self) -> Bools:
+        """(b,) whether a sample is on the rim, where no boundary lies."""
+        return np.asarray((self.owner < 0) & (self.facet < 0))
+
+    @property
+    def on_tie(self) -> Bools:
+        """(b,) whether u is continuous across the facet: on creases, junctions, and boundaries past their tips."""
+        return np.asarray(self.beyond_tip | ((self.owner < 0) & (self.facet >= 0)))
 
     def take(self, index: Ints | Bools) -> BoundarySamples:
         """Return the samples with the numbers ``index`` (k,), or where the booleans ``index`` (b,) are true."""

@@ -257,7 +257,7 @@ class OneSidedLimits:
         by_conormal = off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO
         value = np.where(by_conormal, *limits)
         value = np.where(np.abs(value - self.around) < OTHER_ZONE_LOG_RATIO, value, self.around)
-        rim = self.samples.owner < 0  # nothing is beyond
+        rim = self.samples.on_rim  # nothing is beyond
         (near, far), beyond = pairs[0], logarithm(np.where(rim[:, None], 0.0, -inward))
         smooth = np.abs(far - 3 * near + 3 * here - beyond) <= np.abs(far - 2 * near + here)
         smooth = rim | (smooth & (np.abs(here - self.around) < OTHER_ZONE_LOG_RATIO))

@@ -16,17 +16,18 @@ from cpmkit.forms.galerkin.conditions.boundary_sides import OneSidedLimits, loca
 from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     ImposedCondition,
     StateFluxSamples,
+    Tie,
     conditions_with_law,
     joined,
 )
 from cpmkit.forms.galerkin.conditions.nitsche import (
-    COUPLING_PENALTY,
-    TIP_PENALTY,
     interface_products,
     linear_form_rows,
     one_sided_products,
     side_factors,
     symmetric_sum,
+    tie_products,
+    tie_upwinding,
 )
 from cpmkit.grid.lattice import Lattice
 from cpmkit.scene.data import Data, evaluate_data
@@ -81,7 +82,7 @@ class ConditionTerms:
     def load(self, channels: int, time: float | None = None) -> Floats:
         """Return the load (n, channels) of all conditions, with data at ``time``; None if no data depend on time."""
         zero = np.zeros((self.values.shape[1], channels))
-        return sum((terms.loads(channels, time) for terms in self._terms), zero)
+        return sum((terms.loads(channels, time) for terms in self._terms if terms.data), zero)
 
     @property
     def outflow_matrix(self) -> csr_array:
@@ -155,7 +156,7 @@ class ConditionTerms:
         product = [fsum(row.data * u[row.coords[1], channel]) for channel in range(u.shape[1])]
         flux = with_test_function.load(u.shape[1], time)[n] - product
         for condition in conditions_with_law(conditions, Nonlinear):
-            part = replace(condition, rows=condition.rows[chosen[condition.rows]])
+            part = replace(condition, sides=(condition.rows[chosen[condition.rows]],))
             values = np.asarray(self.values[part.rows] @ u)[:, 0]
             flux = flux + self.samples.weights[part.rows] @ part.law.flux_at(values, self._scene_points(part))
         return np.asarray(flux).reshape(u.shape[1])
@@ -166,6 +167,7 @@ class ConditionTerms:
         kinds: list[tuple[Callable[..., AddedTerms], Any]] = [
             (self._one_sided, conditions_with_law(self.conditions, Value, Flux, Mixed)),
             (self._interface, conditions_with_law(self.conditions, Interface)),
+            (self._ties, conditions_with_law(self.conditions, Tie)),
         ]
         if self.outward_speed is not None:
             coupled = [each for each in conditions_with_law(self.conditions, Interface) if each.law.resistance == 0]
@@ -192,11 +194,26 @@ class ConditionTerms:
         left, right = rows = [np.concatenate([each.sides[k] for each in conditions]) for k in range(2)]
         a, widths = [self.a[side] for side in rows], [self.widths[side] for side in rows]
         resistance = joined(conditions, lambda each: each.law.resistance)
-        penalty = joined(conditions, lambda each: TIP_PENALTY if each.beyond_tip else COUPLING_PENALTY)
-        products, factors = interface_products(a, widths, resistance, self.samples.weights[left], penalty)
+        products, factors = interface_products(a, widths, resistance, self.samples.weights[left])
         matrix = symmetric_sum([(self._forms(x, left, right), self._forms(y, left, right)) for x, y in products])
         load = vstack([self._forms(each, left, right) for each in factors]).T.tocsr()
         return AddedTerms(matrix, load, self._data(conditions, "jump") + self._data(conditions, "flux"))
+
+    def _ties(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
+        """Return the terms of ``conditions`` of continuity, with upwinding where the equation has a velocity."""
+        from scipy.sparse import csr_array
+
+        n = self.values.shape[1]
+        matrix = csr_array((n, n))
+        for each in conditions:
+            rows = np.stack(each.sides, axis=1)
+            weights = self.samples.weights[each.rows]
+            products = tie_products(self.a[rows], self.widths[rows], weights)
+            matrix += symmetric_sum([(self._forms(x, *each.sides), self._forms(y, *each.sides)) for x, y in products])
+            if self.outward_speed is not None:
+                for tested, value in tie_upwinding(self.outward_speed[rows], weights):
+                    matrix += self._forms(tested, *each.sides).T.tocsr() @ self._forms(value, *each.sides)
+        return AddedTerms(matrix.tocsr(), csr_array((n, 0)), [])
 
     def _upwinding(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
         """Return the terms of advection at inflow where values are given, or across boundaries where u has a jump.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.edge_conditions import check_parts_used, conditions_along
-from cpmkit.scene.laws import Flux, Interface, Mixed, Value, beta_at
+from cpmkit.scene.laws import Flux, Mixed, Value, beta_at
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Bools, Floats, Ints
@@ -35,15 +35,28 @@ LEAST_SLOPE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class Tie:
+    """Continuity of u, and balance of fluxes, where the mesh is cut although no condition lies there."""
+
+    couples: ClassVar[bool] = True
+    involves_value: ClassVar[bool] = False
+    data: ClassVar[tuple[()]] = ()
+
+    @property
+    def of_laplacian(self) -> Tie:
+        """The law for Lap u in biharmonic problems: Lap u is continuous too."""
+        return self
+
+
+@dataclass(frozen=True, eq=False)
 class ImposedCondition:
     """A law, and the samples at which it is imposed."""
 
-    law: Any  #: Law: the law of the scene's condition; past the tips of a boundary a coupling without jump and flux.
+    law: Any  #: Law or Tie: the law of the scene's condition, or the continuity of u where the mesh is cut.
     label: str  #: Name of the place in messages.
-    rows: Ints  #: (k,): the samples; for a law that couples both sides those on the left.
-    across: Ints  #: (k,): for a law that couples both sides the samples at the same points on the right; else empty.
-    #: Whether the samples lie on the continuation of a boundary past its tip, across which u is continuous.
-    beyond_tip: bool = False
+    #: The samples (k,); for a law that couples both sides those on the left, then those at the same points on the
+    #: right; for a tie those of each lip.
+    sides: tuple[Ints, ...]
     kind: str = ""  #: The name of the condition.
 
     @property
@@ -52,13 +65,13 @@ class ImposedCondition:
         return bool(self.law.involves_value or self.law.couples)
 
     @property
-    def sides(self) -> tuple[Ints, Ints]:
-        """The samples on the left (k,) and on the right (k,), for a law that couples both sides."""
-        return self.rows, self.across
+    def rows(self) -> Ints:
+        """The samples (k,) on the first side."""
+        return self.sides[0]
 
     @property
     def all_rows(self) -> Ints:
-        """The samples on one side or on both, (k,) or (2 k,)."""
+        """The samples on all sides, one side after the other."""
         return np.concatenate(self.sides)
 
 
@@ -95,7 +108,7 @@ def imposed_conditions(
     ``lattice``: the coordinates of samples are relative to its origin.
     """
     conditions = [*_on_boundaries(scene, samples, left, lattice), *_on_rims(scene, samples, surface, lattice)]
-    conditions += _tip_continuations(samples)
+    conditions += ties(samples)
     for condition in conditions_with_law(conditions, Mixed):
         points = lattice.to_scene(samples.points[condition.rows])
         if not np.any(beta_at(condition.law, points, condition.label)):
@@ -112,7 +125,6 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
     ``left`` (b,) is whether each sample is on the left. Boundaries without samples yield nothing. Raises SceneError if
     a condition other than a value is at a point, or if a condition couples sides where there are not two.
     """
-    none = np.zeros(0, dtype=np.int64)
     for number, boundary in enumerate(scene.boundaries):
         label = f"boundary {boundary.name!r}"
         on_boundary = (samples.owner == number) & ~samples.beyond_tip
@@ -128,14 +140,12 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
             )
         if first.couples:
             pairs = _paired_samples(label, samples, left, on_boundary, lattice)
-            yield ImposedCondition(first.law, label, *pairs, kind=first.kind)
+            yield ImposedCondition(first.law, label, pairs, first.kind)
         elif same_condition(first, second):
-            yield ImposedCondition(first.law, label, np.flatnonzero(on_boundary), none, kind=first.kind)
+            yield ImposedCondition(first.law, label, (np.flatnonzero(on_boundary),), first.kind)
         else:
             for condition, side in ((first, left), (second, ~left)):
-                yield ImposedCondition(
-                    condition.law, label, np.flatnonzero(on_boundary & side), none, kind=condition.kind
-                )
+                yield ImposedCondition(condition.law, label, (np.flatnonzero(on_boundary & side),), condition.kind)
 
 
 def _paired_samples(
@@ -177,8 +187,7 @@ def _on_rims(
     """
     if not needs_rims(scene):
         return
-    rows, loop_of = np.flatnonzero(samples.owner < 0), np.zeros(0, dtype=np.int64)
-    none = loop_of
+    rows, loop_of = np.flatnonzero(samples.on_rim), np.zeros(0, dtype=np.int64)
     if isinstance(scene.edge, Mapping):
         loop_of = rim_loops(samples.take(rows), surface, lattice.spacing)
         loops = np.unique(loop_of).tolist()
@@ -194,7 +203,7 @@ def _on_rims(
     conditions = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
     check_parts_used(scene.edge, [condition for condition, _ in conditions])
     for condition, chosen in conditions:
-        yield ImposedCondition(condition.law, "the edge's condition", rows[chosen], none, kind=condition.kind)
+        yield ImposedCondition(condition.law, "the edge's condition", (rows[chosen],), condition.kind)
 
 
 def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
@@ -209,18 +218,16 @@ def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) ->
     return np.asarray(loops, dtype=np.int64)
 
 
-def _tip_continuations(samples: BoundarySamples) -> Iterator[ImposedCondition]:
-    """Yield the condition that couples the cells across continuations of boundaries past their tips.
-
-    Samples at the same point are coupled in pairs, each to the next. Without continuations nothing is yielded.
-    """
-    rows = np.flatnonzero(samples.beyond_tip)
+def ties(samples: BoundarySamples) -> Iterator[ImposedCondition]:
+    """Yield the conditions of continuity at cut facets, one for each number of lips: the cells that meet at a facet."""
+    rows = np.flatnonzero(samples.on_tie)
     key = POINTS_OF_EDGE * samples.facet[rows] + samples.place[rows]
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
-    first, second = rows[order[same]], rows[order[same + 1]]
-    if len(first):
-        yield ImposedCondition(Interface(0.0, 0.0), "the continuation past a tip", first, second, beyond_tip=True)
+    order = rows[np.argsort(key, kind="stable")]
+    lips = np.unique(key, return_counts=True)[1]
+    starts = np.cumsum(lips) - lips
+    for count in np.unique(lips[lips > 1]).tolist():
+        first = starts[lips == count]
+        yield ImposedCondition(Tie(), "a crease or junction", tuple(order[first + k] for k in range(count)))
 
 
 def point_warnings(

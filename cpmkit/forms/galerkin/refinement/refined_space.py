@@ -9,14 +9,14 @@ their coefficients from those of the n active splines.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.galerkin.dof_map import DofMap, build_patches
+from cpmkit.forms.galerkin.dof_map import DofMap, build_patches, unequal_pairs
 from cpmkit.forms.galerkin.options import Stabilisation
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import LevelSplines, prolongation_to, representations
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, shift_of
@@ -179,15 +179,18 @@ def build_refined_space(
     levels: Sequence[LevelSplines],
     regions: Regions,
     stabilisation: Stabilisation,
+    tied: Ints,
 ) -> RefinedSpace:
     """Return the function space of truncated hierarchical splines over the ``levels``.
 
     ``samples``, ``interior``: all samples, and the number of samples on the manifold and on no boundary.
     ``corners`` (m, k) int: the vertices of the mesh cells after cutting.
     ``levels``, ``regions``, ``stabilisation``: the attributes of :class:`RefinedSpace`.
+    ``tied`` (t, 2): pairs of samples at the lips of ties.
     """
     dof_map, used = _build_refined_dof_map(samples, corners, levels, regions)
     magnified = Samples(dof_map.magnify(dof_map.patch, samples.points), samples.weights, samples.normals, samples.cell)
+    dof_map = replace(dof_map, tied=unequal_pairs(dof_map.patch[tied], len(dof_map.cells)))
     splines = build_spline_space(dof_map, RefinedSamples.of(magnified, dof_map))
     return RefinedSpace(splines, interior, stabilisation, levels, used, regions)
 

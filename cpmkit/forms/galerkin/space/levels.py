@@ -136,6 +136,8 @@ def two_scale_shares(degree: int) -> Floats:
 
 #: A level of at most so many unknowns is the coarsest: its systems are solved by a factorisation.
 COARSEST_UNKNOWNS = 400
+#: Tied pieces of at most so many patches belong wholly to the strip: they have slow modes that vanish at ties.
+STRIP_PATCHES = 64
 #: Coarsening ends where a level has more than this share of the unknowns of the finer level, as for isolated pieces.
 LARGEST_REMAINING_SHARE = 0.9
 
@@ -146,7 +148,7 @@ def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
     ``dof_map`` is that of the finest level, ``boundary_patches`` (k,) are the patches with samples on boundaries. On
     each level the unknowns that these, or the coarser patches that contain them, read form the strip of the smoother.
     """
-    level = replace(dof_map, patch=np.unique(boundary_patches))
+    level = replace(dof_map, patch=np.union1d(boundary_patches, _patches_of_small_tied_pieces(dof_map)))
     levels: list[Level] = []
     while level.size > COARSEST_UNKNOWNS:
         strip = np.unique(level.unknowns[level.patch])
@@ -155,6 +157,15 @@ def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
             break
         levels.append(Level(prolongation, strip, lines=_lines(level) if level.degree > 2 else None))
     return levels
+
+
+def _patches_of_small_tied_pieces(dof_map: DofMap) -> Ints:
+    """Return the patches (k,) of all tied pieces of at most `STRIP_PATCHES` patches."""
+    count, piece = connected_components(len(dof_map.cells), dof_map.touching)
+    small = np.bincount(piece, minlength=count) <= STRIP_PATCHES
+    is_tied = np.zeros(count, dtype=bool)
+    is_tied[piece[dof_map.tied]] = True
+    return np.flatnonzero((small & is_tied)[piece])
 
 
 def _lines(dof_map: DofMap) -> Ints:

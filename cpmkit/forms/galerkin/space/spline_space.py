@@ -194,7 +194,7 @@ def _lines_across_straight_pieces(dof_map: DofMap, runs_by_axis: Sequence[Ints],
     one layer of cells. Where it is straight, y^2 z and all its derivatives in the energy vanish on it, with y and z
     coordinates along such axes; the penalty on differences along the lines is not zero for that function.
     """
-    count, piece = connected_pieces(dof_map)
+    count, piece = connected_pieces(dof_map, across_ties=False)
     lines = []
     for axis, runs in enumerate(runs_by_axis):
         has_no_run = np.bincount(piece[runs[:, 0]], minlength=count) == 0

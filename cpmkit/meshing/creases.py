@@ -1,0 +1,199 @@
+"""Where a mesh is cut although no boundary lies there: at its creases, and where several of its sheets or arms meet.
+
+A spline whose support contains a crease sees both of its sides at once, so that the solution, which turns there, is of
+first order. On a mesh cut there each side has unknowns of its own; a condition of continuity ties them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.runtime.index_sets import label_sets, unite_pairs
+from cpmkit.types import Bools, Floats, Ints
+
+#: Cells that turn by more than this angle, in degrees, at their common facet meet in a crease. Neighbours on a circle
+#: of a radius of one spacing turn by 29 degrees, as edges are half a spacing long.
+CREASE_DEGREES = 30.0
+#: A mesh read as smooth bends by up to this angle, in degrees, where it is smooth.
+SMOOTH_CREASE_DEGREES = 40.0
+#: A part between creases below this area, in squared spacings, stays with a neighbour: it would have more unknowns than
+#: it is worth, as many as samples on tubes that are thinner than the cells.
+LEAST_AREA = 1.0
+#: Connected creases that end inside the surface and are shorter than this, in spacings, are not cut: they would cost
+#: more unknowns than they gain.
+LEAST_CHAIN_SPACINGS = 6.0
+#: Triangles at boundaries whose height over an edge is below this, in spacings, are slivers that turn by any angle: the
+#: insertion moves points onto edges that are as near.
+SLIVER_SPACINGS = 0.02
+
+
+def crease_facets(mesh: Mesh, spacing: float, smooth: bool) -> Ints:
+    """Return the facets (c, k - 1) of a mesh at creases and junctions that lie on no boundary.
+
+    A junction is a facet of three cells or more. ``spacing`` is h; with ``smooth`` cells are read as a smooth surface
+    or curve, and only turns by more than :data:`SMOOTH_CREASE_DEGREES` are creases.
+    """
+    least_cosine = np.cos(np.radians(SMOOTH_CREASE_DEGREES if smooth else CREASE_DEGREES))
+    numbers, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
+    times = np.bincount(numbers.ravel(), minlength=count)
+    junction = times > 2
+    first, second = _cells_at_facets(numbers, times)
+    inward = [_inward(mesh, places) for places in (first, second)]
+    heights = [norms(vectors) for vectors in inward]
+    turns = -dots(*inward) < least_cosine * heights[0] * heights[1]
+    crease = np.zeros(count, dtype=bool)
+    crease[np.flatnonzero(times == 2)] = turns & ~_are_slivers(mesh, (first, second), heights, spacing)
+    if not (junction.any() or crease.any()):
+        return np.zeros((0, mesh.manifold_dim), dtype=np.int64)
+    if mesh.manifold_dim == 1:
+        chosen = junction | crease
+        chosen[mesh.cut] = False
+        return np.flatnonzero(chosen)[:, None]
+    has_length = mesh.edge_lengths**2 > 0
+    junction, crease = junction & has_length, crease & has_length
+    bounded = np.zeros(count, dtype=bool)
+    bounded[mesh.cut_edges] = True  # cut in any case
+    fixed = junction | bounded
+    chosen = fixed | _without_short_chains(mesh, crease & ~fixed, fixed, spacing)
+    chosen = _without_small_parts(mesh, chosen & ~bounded, bounded, LEAST_AREA * spacing**2)
+    return np.asarray(mesh.edges.ends[chosen])
+
+
+def with_creases(mesh: Mesh, spacing: float, smooth: bool) -> Mesh:
+    """Return a mesh cut at its creases and junctions too: their facets follow those of boundaries, with owner -1.
+
+    The arguments are those of :func:`crease_facets`.
+    """
+    creases = crease_facets(mesh, spacing, smooth)
+    if not len(creases):
+        return mesh
+    return mesh.with_same_cells(
+        cut=np.concatenate([mesh.cut, creases]),
+        owner=np.concatenate([mesh.owner, np.full(len(creases), -1)]),
+        beyond_tip=np.concatenate([mesh.beyond_tip, np.zeros(len(creases), dtype=bool)]),
+    )
+
+
+def _cells_at_facets(numbers: Ints, times: Ints) -> tuple[Ints, Ints]:
+    """Return two places (e,) in ``numbers.ravel()`` for each facet that occurs twice, by ascending facet.
+
+    ``numbers`` (m, k) are the facets of the cells, ``times`` (f,) how often each occurs.
+    """
+    order = np.argsort(numbers, axis=None, kind="stable")
+    starts = np.cumsum(times) - times
+    twice = starts[times == 2]
+    return order[twice], order[twice + 1]
+
+
+def _inward(mesh: Mesh, places: Ints) -> Floats:
+    """Return vectors (e, d) from the middle of facets into their cells, tangent to the cell and normal to the facet.
+
+    Their length is the height of a flat cell over the facet; curved cells are followed, so that a smooth surface does
+    not turn. ``places`` (e,) are positions in the array of (cell, facet), flattened.
+    """
+    k = mesh.cells.shape[1]
+    cell, facet = places // k, places % k
+    apex, tail, head = (mesh.vertices[mesh.cells[cell, (facet + j) % k]] for j in range(3))
+    if mesh.midpoints is None:
+        inward = apex - tail
+    elif k == 2:  # the derivative of the quadratic curve at its end
+        inward = 4 * mesh.midpoints[cell, 0] - 3 * tail - apex
+    else:  # of the quadratic triangle at the middle of its edge, by the barycentric coordinate of the apex
+        middle, beside_tail, beside_head = (mesh.midpoints[cell, (facet + j) % k] for j in range(3))
+        inward = 2 * (beside_tail + beside_head - middle) - apex - tail
+    if k == 3:
+        along = unit(head - tail)
+        inward = inward - dots(inward, along)[:, None] * along
+    return np.asarray(inward)
+
+
+def _are_slivers(mesh: Mesh, places: tuple[Ints, Ints], heights: Sequence[Floats], spacing: float) -> Bools:
+    """Return whether (e,) one of the two triangles at an edge is a sliver with a vertex on a boundary.
+
+    ``places`` and ``heights``, (e,) each, are positions of the edges in their cells, flattened, and the heights there.
+    """
+    slivers = np.zeros(len(places[0]), dtype=bool)
+    if mesh.manifold_dim == 2 and len(mesh.cut):
+        on_boundary = np.zeros(len(mesh.vertices), dtype=bool)
+        on_boundary[mesh.cut] = True
+        for at, height in zip(places, heights, strict=True):
+            slivers |= (height < SLIVER_SPACINGS * spacing) & on_boundary[mesh.cells[at // 3]].any(axis=1)
+    return slivers
+
+
+def _without_short_chains(mesh: Mesh, chosen: Bools, fixed: Bools, spacing: float) -> Bools:
+    """Return ``chosen`` edges (e,) without connected sets that are short and end inside the surface.
+
+    A set ends where a vertex has one edge of the set, lies on no rim, and on no edge that is ``fixed`` (e,).
+    """
+    rows, ends = np.flatnonzero(chosen), mesh.edges.ends
+    parent = np.arange(len(mesh.vertices))
+    unite_pairs(parent, np.ascontiguousarray(ends[rows], dtype=np.int32))
+    count, label = label_sets(parent)
+    chain = label[ends[rows, 0]]
+    length = np.bincount(chain, mesh.edge_lengths[rows], count)
+    is_end = np.bincount(ends[rows].ravel(), minlength=len(mesh.vertices)) == 1
+    is_end[ends[fixed | mesh.connectivity.on_rim]] = False
+    is_open = np.zeros(count, dtype=bool)
+    is_open[label[is_end]] = True
+    remaining = chosen.copy()
+    remaining[rows] = (~is_open | (length >= LEAST_CHAIN_SPACINGS * spacing))[chain]
+    return remaining
+
+
+def _without_small_parts(mesh: Mesh, chosen: Bools, bounded: Bools, least: float) -> Bools:
+    """Return ``chosen`` edges (e,) without those that bound a part of an area below ``least`` towards its neighbour.
+
+    Parts are connected over edges that are neither chosen nor ``bounded`` (e,), on a boundary. Each small part joins
+    the neighbour with the longest common border, and this repeats until no small part has a neighbour.
+    """
+    edges, cells = mesh.edges.of_cells, mesh.vertices[mesh.cells]
+    a, b = cells[:, 1] - cells[:, 0], cells[:, 2] - cells[:, 0]
+    area = 0.5 * np.sqrt(np.maximum(dots(a, a) * dots(b, b) - dots(a, b) ** 2, 0.0))
+    cell, order = np.divmod(np.argsort(edges, axis=None, kind="stable"), 3)[0], np.sort(edges, axis=None)
+    chosen = chosen.copy()
+    while True:
+        count, part = _parts(len(area), cell, order, chosen | bounded)
+        small = np.bincount(part, area, count) < least
+        if not small.any():
+            return chosen
+        edge, own, other = _borders(cell, order, chosen, part)
+        rows = np.flatnonzero(small[own])
+        if not len(rows):
+            return chosen
+        code, place = np.unique(own[rows] * count + other[rows], return_inverse=True)
+        border = np.bincount(place, mesh.edge_lengths[edge[rows]])
+        best = np.lexsort((-border, code // count))
+        best = best[np.unique(code[best] // count, return_index=True)[1]]
+        joined = np.zeros(len(code), dtype=bool)
+        joined[best] = True
+        chosen[edge[rows[joined[place]]]] = False
+
+
+def _parts(count: int, cell: Ints, edge: Ints, chosen: Bools) -> tuple[int, Ints]:
+    """Return the number of parts, and the part (m,) of each of ``count`` cells, connected over edges not ``chosen``.
+
+    ``cell``, ``edge`` (3 m,) list the cells by ascending edge.
+    """
+    same = np.flatnonzero((edge[1:] == edge[:-1]) & ~chosen[edge[1:]])
+    parent = np.arange(count)
+    unite_pairs(parent, np.ascontiguousarray(np.stack([cell[same], cell[same + 1]], axis=1), dtype=np.int32))
+    return label_sets(parent)
+
+
+def _borders(cell: Ints, edge: Ints, chosen: Bools, part: Ints) -> tuple[Ints, Ints, Ints]:
+    """Return pairs of different parts at ``chosen`` edges, in both orders: the edge, the part, and the other part.
+
+    ``cell``, ``edge`` (3 m,) list the cells by ascending edge; up to four cells at an edge are compared in all pairs.
+    """
+    found = []
+    for step in (1, 2, 3):
+        same = np.flatnonzero((edge[step:] == edge[:-step]) & chosen[edge[step:]])
+        own, other = part[cell[same]], part[cell[same + step]]
+        differ = own != other
+        found += [(edge[same][differ], own[differ], other[differ]), (edge[same][differ], other[differ], own[differ])]
+    return tuple(np.concatenate(column) for column in zip(*found, strict=True))  # type: ignore[return-value]
