@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.runtime.index_sets import label_sets, unite_pairs
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
 #: Cells that turn by more than this angle, in degrees, at their common facet meet in a crease. Neighbours on a circle
@@ -131,9 +131,7 @@ def _without_short_chains(mesh: Mesh, chosen: Bools, fixed: Bools, spacing: floa
     A set ends where a vertex has one edge of the set, lies on no rim, and on no edge that is ``fixed`` (e,).
     """
     rows, ends = np.flatnonzero(chosen), mesh.edges.ends
-    parent = np.arange(len(mesh.vertices))
-    unite_pairs(parent, np.ascontiguousarray(ends[rows], dtype=np.int32))
-    count, label = label_sets(parent)
+    count, label = connected_components(len(mesh.vertices), ends[rows])
     chain = label[ends[rows, 0]]
     length = np.bincount(chain, mesh.edge_lengths[rows], count)
     is_end = np.bincount(ends[rows].ravel(), minlength=len(mesh.vertices)) == 1
@@ -153,8 +151,8 @@ def _without_small_parts(mesh: Mesh, chosen: Bools, bounded: Bools, least: float
     """
     edges, cells = mesh.edges.of_cells, mesh.vertices[mesh.cells]
     a, b = cells[:, 1] - cells[:, 0], cells[:, 2] - cells[:, 0]
-    area = 0.5 * np.sqrt(np.maximum(dots(a, a) * dots(b, b) - dots(a, b) ** 2, 0.0))
-    cell, order = np.divmod(np.argsort(edges, axis=None, kind="stable"), 3)[0], np.sort(edges, axis=None)
+    area = 0.5 * np.sqrt(np.maximum(dots(a, a) * dots(b, b) - dots(a, b) ** 2, 0.0))  # in the plane too
+    cell, order = np.argsort(edges, axis=None, kind="stable") // 3, np.sort(edges, axis=None)
     chosen = chosen.copy()
     while True:
         count, part = _parts(len(area), cell, order, chosen | bounded)
@@ -180,9 +178,7 @@ def _parts(count: int, cell: Ints, edge: Ints, chosen: Bools) -> tuple[int, Ints
     ``cell``, ``edge`` (3 m,) list the cells by ascending edge.
     """
     same = np.flatnonzero((edge[1:] == edge[:-1]) & ~chosen[edge[1:]])
-    parent = np.arange(count)
-    unite_pairs(parent, np.ascontiguousarray(np.stack([cell[same], cell[same + 1]], axis=1), dtype=np.int32))
-    return label_sets(parent)
+    return connected_components(count, np.stack([cell[same], cell[same + 1]], axis=1))
 
 
 def _borders(cell: Ints, edge: Ints, chosen: Bools, part: Ints) -> tuple[Ints, Ints, Ints]:

@@ -85,20 +85,20 @@ class DofMap:
 
 
 def build_dof_map(
-    points: Floats, contacts: Any, spacing: float, cell: Any = None, degree: int = 2, tied: Ints | None = None
+    points: Floats, contacts: Any, spacing: float, cell: Any = None, degree: int = 2, tied: Any = NO_PAIRS
 ) -> DofMap:
     """Return the dof map of splines of a ``degree``: the patches of samples ``points`` (q, d), and their unknowns.
 
     ``contacts`` (m, k) are the vertices of the cells of the mesh that was cut along the boundaries, ``cell`` (q,) is
     the mesh cell of each sample, by default cell i of sample i, ``tied`` (t, 2) are pairs of samples at the lips of
-    ties. Points are relative to the origin of the lattice. A
-    connected piece of the manifold smaller than `ISOLATED_SPACINGS` has one unknown, which all of its patches read.
+    ties. Points are relative to the origin of the lattice. A connected piece of the manifold smaller than
+    `ISOLATED_SPACINGS` has one unknown, which all of its patches read.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     cell = np.arange(len(points)) if cell is None else cell
     patch, roots, touching = build_patches(cell_codes(points, spacing), contacts, cell)
     cells = np.floor(points[roots] / spacing + 0.5).astype(np.int64)
-    pairs = NO_PAIRS if tied is None else unequal_pairs(patch[tied], len(roots))
+    pairs = unequal_pairs(patch[tied], len(roots))
     count, piece = connected_components(len(roots), np.concatenate([touching, pairs]))
     extent = piece_extents(points, patch, piece, count)
     size = norms(extent) if np.shape(contacts)[1] == 2 else extent.max(axis=1)

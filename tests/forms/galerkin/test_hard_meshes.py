@@ -143,5 +143,5 @@ def test_fifty_specks_give_a_warning_and_do_no_harm(solver):
 def test_thin_plates_and_folds_are_tied_and_give_no_warning(mesh):
     form = form_of(*mesh, spacing=0.05).discretized
     assert len(form.sampled.tied)
-    assert not any("thin, folded or creased" in message for message in form.warnings())
+    assert not form.warnings()
     assert form.diagnosis().order > 1.5

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.dof_map import DofMap, dof_map_from_patches, piece_extents
+from cpmkit.forms.galerkin.dof_map import DofMap, dof_map_from_patches, piece_extents, unequal_pairs
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.index_sets import connected_components
@@ -116,9 +116,7 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
     count, label = connected_components(len(dof_map.cells), dof_map.touching[inside])
     cells = np.empty((count, dof_map.dim), dtype=np.int64)
     cells[label] = dof_map.cells >> 1
-    pairs = np.sort(label[dof_map.touching[~inside]], axis=1)
-    codes = np.unique(pairs[:, 0].astype(np.int64) * count + pairs[:, 1])
-    touching = np.stack([codes // count, codes % count], axis=1)
+    touching = unequal_pairs(label[dof_map.touching[~inside]], count)
     pieces, piece = connected_components(count, touching)
     extents = piece_extents(cells.astype(np.float64), np.arange(count), piece, pieces)
     isolated = (extents.max(axis=1) < ISOLATED_CELLS)[piece]
