@@ -113,12 +113,16 @@ class Polyline:
         return (1.0 - t) * values[ends[:, 0]] + t * values[ends[:, 1]]
 
     def advice(self, _spacing: float, /) -> Advice:
-        """Return advice with the error, at most 1, relative to the solution's range, that the corners cause."""
+        """Return advice with the error, at most 1, relative to the solution's range, that the corners cause.
+
+        In the form ``galerkin`` there is none: the segments are the exact curve.
+        """
         start, end = self.segments.T
         along = np.concatenate([self._directions, self._directions])
         cosine = np.einsum("nd,nd->n", along, self._bisectors[np.concatenate([start, end])])
         turn = 2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))
-        return Advice(min(1.0, ERROR_PER_CORNER_RADIAN * float(np.sqrt(np.mean(turn**2)))))
+        floor = min(1.0, ERROR_PER_CORNER_RADIAN * float(np.sqrt(np.mean(turn**2))))
+        return Advice(floor, integral_floor=0.0)
 
     def mesh(self, _spacing: float, /) -> tuple[Floats, Ints]:
         """Return the polyline's own vertices (k, d) and segments (m, 2), whatever the spacing."""
