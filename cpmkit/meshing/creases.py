@@ -15,6 +15,8 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
+#: The owners, in ``mesh.owner``, of facets at creases and junctions, and between charts.
+CREASE_OWNER, CHART_OWNER = -1, -2
 #: Cells that turn by more than this angle, in degrees, at their common facet meet in a crease. Neighbours on a circle
 #: of a radius of one spacing turn by 29 degrees, as edges are half a spacing long.
 CREASE_DEGREES = 30.0
@@ -37,16 +39,10 @@ def crease_facets(mesh: Mesh, spacing: float, smooth: bool) -> Ints:
     A junction is a facet of three cells or more. ``spacing`` is h; with ``smooth`` cells are read as a smooth surface
     or curve, and only turns by more than :data:`SMOOTH_CREASE_DEGREES` are creases.
     """
-    least_cosine = np.cos(np.radians(SMOOTH_CREASE_DEGREES if smooth else CREASE_DEGREES))
     numbers, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
-    times = np.bincount(numbers.ravel(), minlength=count)
-    junction = times > 2
-    first, second = _cells_at_facets(numbers, times)
-    inward = [_inward(mesh, places) for places in (first, second)]
-    heights = [norms(vectors) for vectors in inward]
-    turns = -dots(*inward) < least_cosine * heights[0] * heights[1]
-    crease = np.zeros(count, dtype=bool)
-    crease[np.flatnonzero(times == 2)] = turns & ~_are_slivers(mesh, (first, second), heights, spacing)
+    junction = np.bincount(numbers.ravel(), minlength=count) > 2
+    crease = turning_facets(mesh, SMOOTH_CREASE_DEGREES if smooth else CREASE_DEGREES, SLIVER_SPACINGS * spacing)
+    crease &= ~junction
     if not (junction.any() or crease.any()):
         return np.zeros((0, mesh.manifold_dim), dtype=np.int64)
     if mesh.manifold_dim == 1:
@@ -63,18 +59,33 @@ def crease_facets(mesh: Mesh, spacing: float, smooth: bool) -> Ints:
     return np.asarray(mesh.edges.ends[chosen])
 
 
-def with_creases(mesh: Mesh, spacing: float, smooth: bool) -> Mesh:
-    """Return a mesh cut at its creases and junctions too: their facets follow those of boundaries, with owner -1.
+def turning_facets(mesh: Mesh, degrees: float, sliver: float = 0.0) -> Bools:
+    """Return whether (f,) each facet has two cells that turn by more than ``degrees``, or three cells or more.
 
-    The arguments are those of :func:`crease_facets`.
+    Slivers at boundaries, with a height over the facet below ``sliver``, do not count.
     """
-    creases = crease_facets(mesh, spacing, smooth)
-    if not len(creases):
+    numbers, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
+    times = np.bincount(numbers.ravel(), minlength=count)
+    first, second = _cells_at_facets(numbers, times)
+    inward = [inward_directions(mesh, places) for places in (first, second)]
+    heights = [norms(vectors) for vectors in inward]
+    turns = -dots(*inward) < np.cos(np.radians(degrees)) * heights[0] * heights[1]
+    turning = times > 2
+    turning[times == 2] = turns & ~_are_slivers(mesh, (first, second), heights, sliver)
+    return turning
+
+
+def with_ties(mesh: Mesh, facets: Ints, owner: int) -> Mesh:
+    """Return a mesh cut at ``facets`` (c, k - 1) too, where u is tied; they follow those of boundaries in ``mesh.cut``.
+
+    Their ``owner`` is negative: `CREASE_OWNER` or `CHART_OWNER`. Without facets the mesh itself is returned.
+    """
+    if not len(facets):
         return mesh
     return mesh.with_same_cells(
-        cut=np.concatenate([mesh.cut, creases]),
-        owner=np.concatenate([mesh.owner, np.full(len(creases), -1)]),
-        beyond_tip=np.concatenate([mesh.beyond_tip, np.zeros(len(creases), dtype=bool)]),
+        cut=np.concatenate([mesh.cut, facets]),
+        owner=np.concatenate([mesh.owner, np.full(len(facets), owner)]),
+        beyond_tip=np.concatenate([mesh.beyond_tip, np.zeros(len(facets), dtype=bool)]),
     )
 
 
@@ -89,7 +100,7 @@ def _cells_at_facets(numbers: Ints, times: Ints) -> tuple[Ints, Ints]:
     return order[twice], order[twice + 1]
 
 
-def _inward(mesh: Mesh, places: Ints) -> Floats:
+def inward_directions(mesh: Mesh, places: Ints) -> Floats:
     """Return vectors (e, d) from the middle of facets into their cells, tangent to the cell and normal to the facet.
 
     Their length is the height of a flat cell over the facet; curved cells are followed, so that a smooth surface does
@@ -111,8 +122,8 @@ def _inward(mesh: Mesh, places: Ints) -> Floats:
     return np.asarray(inward)
 
 
-def _are_slivers(mesh: Mesh, places: tuple[Ints, Ints], heights: Sequence[Floats], spacing: float) -> Bools:
-    """Return whether (e,) one of the two triangles at an edge is a sliver with a vertex on a boundary.
+def _are_slivers(mesh: Mesh, places: tuple[Ints, Ints], heights: Sequence[Floats], least: float) -> Bools:
+    """Return whether (e,) one of the two triangles at an edge has a height below ``least`` and a boundary vertex.
 
     ``places`` and ``heights``, (e,) each, are positions of the edges in their cells, flattened, and the heights there.
     """
@@ -121,7 +132,7 @@ def _are_slivers(mesh: Mesh, places: tuple[Ints, Ints], heights: Sequence[Floats
         on_boundary = np.zeros(len(mesh.vertices), dtype=bool)
         on_boundary[mesh.cut] = True
         for at, height in zip(places, heights, strict=True):
-            slivers |= (height < SLIVER_SPACINGS * spacing) & on_boundary[mesh.cells[at // 3]].any(axis=1)
+            slivers |= (height < least) & on_boundary[mesh.cells[at // 3]].any(axis=1)
     return slivers
 
 
@@ -146,7 +157,7 @@ def _without_short_chains(mesh: Mesh, chosen: Bools, fixed: Bools, spacing: floa
 def _without_small_parts(mesh: Mesh, chosen: Bools, bounded: Bools, least: float) -> Bools:
     """Return ``chosen`` edges (e,) without those that bound a part of an area below ``least`` towards its neighbour.
 
-    Parts are connected over edges that are neither chosen nor ``bounded`` (e,), on a boundary. Each small part joins
+    Parts are connected over edges that are neither chosen nor ``bounded`` (e,), cut in any case. Each small part joins
     the neighbour with the longest common border, and this repeats until no small part has a neighbour.
     """
     edges, cells = mesh.edges.of_cells, mesh.vertices[mesh.cells]

@@ -101,7 +101,7 @@ def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[Loc
         return mesh.with_same_cells(midpoints=points[edges.of_cells])
     on_cut = mesh.cut_edges
     normals = smooth_normals(source, mesh.vertices)
-    mesh = _move_onto_boundaries(mesh, normals.across, boundaries)
+    mesh = _move_onto_boundaries(mesh, normals, boundaries)
     free, _ = smooth_midpoints(source, mesh.vertices, edges.ends, normals, _height_shares(source, mesh, normals))
     points = free.copy()
     for owner, boundary in enumerate(boundaries):
@@ -257,19 +257,25 @@ def _is_supported_union(source: LocalSource) -> bool:
     return True
 
 
-def _move_onto_boundaries(mesh: Mesh, normals: Floats, boundaries: Sequence[LocalSource | None]) -> Mesh:
+def _move_onto_boundaries(mesh: Mesh, normals: SmoothNormals, boundaries: Sequence[LocalSource | None]) -> Mesh:
     """Return the mesh with boundary vertices moved along the surface to their boundaries, then back onto the surface.
 
-    Vertices far from their boundary stay. ``normals`` (v, d) are those at the vertices.
+    Vertices far from their boundary stay. Vertices on creases, and their neighbours, stay on the triangles, because no
+    normal is that of both sides. ``normals`` are those at the vertices.
     """
     vertices, on_cut = mesh.vertices.copy(), np.unique(mesh.cut)
     reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edge_lengths(mesh, on_cut, np.minimum, np.inf)
     for owner, boundary in enumerate(boundaries):
         rows = boundary_vertices(mesh, owner)
         if boundary is not None and len(rows):
-            step = _tangential_components(boundary.closest_point(vertices[rows]).points - vertices[rows], normals[rows])
+            step = _tangential_components(
+                boundary.closest_point(vertices[rows]).points - vertices[rows], normals.across[rows]
+            )
             vertices[rows] += np.where(norms(step) <= reach[rows], 1.0, 0.0)[:, None] * step
-    return fit_vertices_to_normals(mesh.with_same_cells(vertices=vertices), on_cut, normals)
+    beside_crease = np.zeros(len(vertices), dtype=bool)
+    beside_crease[mesh.edges.ends[normals.flat[mesh.edges.ends].any(axis=1)]] = True
+    moved = mesh.with_same_cells(vertices=vertices)
+    return fit_vertices_to_normals(moved, on_cut[~beside_crease[on_cut]], normals.across)
 
 
 def _tangential_components(vectors: Floats, normals: Floats) -> Floats:

@@ -15,6 +15,7 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.adjacency import Rim, rim_of_edges, rim_of_vertices
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes
+from cpmkit.meshing.sharp_creases import sharpen_midpoints, sharpen_vertices
 from cpmkit.meshing.untangling import flip_chords, remove_double_boundary_edges, untangle_midpoints, untangle_vertices
 from cpmkit.types import Bools, Floats, Ints
 
@@ -29,17 +30,19 @@ def curve_cells_by_closest_points(
 ) -> Mesh:
     """Return quadratic cells with nodes on the manifold, those of facets and rim edges on the true boundaries and rims.
 
-    Midpoints stay on chords across creases. Vertices far from their boundary, or whose triangles would turn over, stay
-    off it; some edges are flipped, and facets replaced, beside boundaries, where triangles would turn over or be thin.
+    Nodes of creased edges lie on the creases; midpoints of edges across creases stay on chords. Vertices far from their
+    boundary, or whose triangles would turn over, stay off it; some edges are flipped, and facets replaced, beside
+    boundaries, where triangles would turn over or be thin.
 
     ``mesh``: flat cells near the manifold, subdivided, with the boundaries inserted. ``source``: the manifold.
     ``boundaries``: in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its vertices.
     ``spacing``: spacing of the lattice: segments are split where the curve crosses its knot planes; None: no splits.
     """
     mesh = move_vertices_to_manifold(mesh, source, boundaries)
-    if mesh.manifold_dim == 1 and spacing is not None:
-        mesh = split_at_knot_planes(mesh, spacing, source)
-    return add_midpoints(mesh, source, boundaries)
+    if mesh.manifold_dim == 1:
+        mesh = mesh if spacing is None else split_at_knot_planes(mesh, spacing, source)
+        return add_midpoints(mesh, source, boundaries)
+    return sharpen_midpoints(add_midpoints(sharpen_vertices(mesh, source), source, boundaries), source)
 
 
 def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:

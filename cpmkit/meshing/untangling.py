@@ -242,8 +242,7 @@ def _replace_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
 def flip_chords(mesh: Mesh) -> Mesh:
     """Return the triangles; where two edges of one lie nearly in line on boundaries, its third edge is flipped.
 
-    An edge stays where it lies on the rim, where its two triangles are oriented differently, form no convex
-    quadrilateral or take part in another flip, or where the flipped edge exists already.
+    An edge stays as in :func:`flip_third_edges`.
     """
     edges = mesh.edges
     on_cut = np.zeros(len(edges.ends) + 1, dtype=bool)
@@ -253,17 +252,29 @@ def flip_chords(mesh: Mesh) -> Mesh:
     thin = np.flatnonzero(of_cells.sum(axis=1) == 2)
     if not len(thin):
         return mesh
-    cells, chords = _rotate_corners(mesh.cells, edges, thin, of_cells[thin].argmin(axis=1))
+    return flip_third_edges(mesh, thin, of_cells[thin].argmin(axis=1))
+
+
+def flip_third_edges(mesh: Mesh, thin: Ints, lead: Ints) -> Mesh:
+    """Return the triangles; where two edges of one of ``thin`` (k,) lie nearly in line, its third edge is flipped.
+
+    The two edges meet at corner ``lead`` (k,). The third stays where it lies on the rim, where its two triangles form
+    no convex quadrilateral or take part in another flip, or where the flipped edge exists already.
+    """
+    edges = mesh.edges
+    cells, chords = _rotate_corners(mesh.cells, edges, thin, lead)
     sides = mesh.vertices[cells[:, 1:]] - mesh.vertices[cells[:, :1]]
-    # A boundary continues through a vertex where the cosine of the angle between its edges there is below -.8.
+    # A line continues through a vertex where the cosine of the angle between its edges there is below -.8.
     straight = dots(sides[:, 0], sides[:, 1]) < -0.8 * norms(sides[:, 0]) * norms(sides[:, 1])
     thin, cells, chords = thin[straight], cells[straight], chords[straight]
     neighbour, corner = _triangles_across(edges, thin, chords)
     thin, cells, neighbour, corner = (array[neighbour >= 0] for array in (thin, cells, neighbour, corner))
     across, _ = _rotate_corners(mesh.cells, edges, neighbour, corner)
+    differ = across[:, 1] == cells[:, 1]  # the new triangles are oriented like the second one
+    cells[differ] = cells[differ][:, [0, 2, 1]]
     first = np.stack([cells[:, 0], cells[:, 1], across[:, 0]], axis=1)
     second = np.stack([cells[:, 0], across[:, 0], cells[:, 2]], axis=1)
-    fits = (across[:, 1] == cells[:, 2]) & (across[:, 2] == cells[:, 1])
+    fits = np.ones(len(cells), dtype=bool)
     around = _area_vectors(mesh.vertices, cells) + _area_vectors(mesh.vertices, across)
     for triangles in (first, second):  # the quadrilateral is convex
         fits &= dots(_area_vectors(mesh.vertices, triangles), around) > 0
