@@ -44,10 +44,10 @@ def left_of_boundaries(
 ) -> Bools:
     """Return whether each boundary sample (b,) is on the left of its boundary.
 
-    ``half`` are the n facets of the ``mesh``, which is cut along the boundaries, on boundaries and rims, once for each
-    cell beside them; ``corners`` (m, k) are the vertices of the cells after cutting; ``samples`` lie on these half
-    facets, with coordinates relative to the origin of the ``lattice``. The ``boundaries`` are numbered as in
-    ``mesh.owner``. The result is false on rims where no boundary lies, and at points of a surface.
+    ``half`` are the n facets of the ``mesh`` on boundaries, ties and rims, once for each cell beside them; ``corners``
+    (m, k) are the vertices of the cells after cutting along boundaries alone; ``samples`` lie on these half facets,
+    with coordinates relative to the origin of the ``lattice``. The ``boundaries`` are numbered as in ``mesh.owner``.
+    The result is false on rims where no boundary lies, on ties, and at points of a surface.
     """
     n = len(half.cell)
     if not n or not len(samples):
@@ -109,20 +109,20 @@ def _side_and_piece_labels(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple
     """Return labels (n,) of half facets, by which votes for left are summed: of one side of a piece, and of the piece.
 
     A piece is facets of a boundary, connected at vertices where exactly two facets of boundaries meet. Each facet on no
-    boundary has labels of its own. ``corners`` (m, k) are the vertices of the cells after cutting.
+    boundary has labels of its own. ``corners`` (m, k) are the vertices of the cells after cutting along boundaries.
     """
     n, k = len(half.cell), mesh.cells.shape[1]
-    on = half.cut >= 0
+    owner = np.append(mesh.owner, -1)[half.cut]  # negative on rims and ties
+    on = owner >= 0
     piece = np.where(on, half.cut, len(mesh.cut) + np.arange(n))
     if k == 2:  # a boundary is a vertex, and each side of it one segment
         return np.arange(n), _renumber(piece)
     places = (half.facet[:, None] + np.arange(1, k)) % k
     vertex, corner = mesh.cells[half.cell[:, None], places], corners[half.cell[:, None], places]
-    meeting = np.bincount(mesh.cut.ravel(), minlength=len(mesh.vertices))[vertex]
+    meeting = np.bincount(mesh.cut[mesh.owner >= 0].ravel(), minlength=len(mesh.vertices))[vertex]
     rows, places = np.nonzero(on[:, None] & (meeting == 2))
-    owner = mesh.owner[half.cut[rows]]
-    group = _merge_labels(np.arange(n), rows, np.stack([corner[rows, places], owner], axis=1))
-    return group, _merge_labels(_renumber(piece), rows, np.stack([vertex[rows, places], owner], axis=1))
+    group = _merge_labels(np.arange(n), rows, np.stack([corner[rows, places], owner[rows]], axis=1))
+    return group, _merge_labels(_renumber(piece), rows, np.stack([vertex[rows, places], owner[rows]], axis=1))
 
 
 def _merge_labels(labels: Ints, rows: Ints, keys: Ints) -> Ints:
