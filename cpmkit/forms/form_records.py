@@ -157,3 +157,5 @@ class Diagnosis:
     unresolved_share: float = 0.0  #: The share of the manifold in pieces so small that u has one value on each.
     #: (k, d): closest points of the further unknowns at nodes that several sheets of the manifold share.
     doubled: Floats | None = None
+    #: (t, k, d): the k ends of each facet where the mesh is cut although no boundary lies there, and u is tied.
+    ties: Floats | None = None

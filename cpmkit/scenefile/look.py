@@ -37,6 +37,9 @@ class Look:
         Whether to draw boundaries, as dark lines and dots.
     twins : bool
         Whether to draw dots at lattice nodes that several sheets of the surface share.
+    ties : bool
+        Whether to draw the ties of the Galerkin form, as dark lines and dots: creases, junctions, and borders between
+        parts that are near in space but not along the manifold.
     field : "solution" or "error"
         The solution, or its estimated error in the unit of the solution (the largest of several channels), which is
         computed first if it is not known.
@@ -69,6 +72,7 @@ class Look:
     up: str | tuple[float, ...] | None = None
     curves: bool = True
     twins: bool = False
+    ties: bool = False
     field: str = "solution"
     channel: int | None = None
     light: str | None = None
@@ -83,7 +87,7 @@ class Look:
 
     def __post_init__(self) -> None:
         """Check the options, and convert sequences to tuples. Raises InputError if a value is not accepted."""
-        texts_and_flags = ("title", "label", "unit", "cmap", "curves", "twins", "edges", "vectors")
+        texts_and_flags = ("title", "label", "unit", "cmap", "curves", "twins", "ties", "edges", "vectors")
         check_key_types(Look, "a picture", {name: getattr(self, name) for name in texts_and_flags})
         whole(self.width, "width in pixels", 16, 16_384)
         check_one_of(self.field, ("solution", "error"), "field of a picture")
@@ -162,6 +166,7 @@ class LookKeywords(TypedDict, total=False):
     up: Literal["x", "y", "z"] | Numbers | None
     curves: bool
     twins: bool
+    ties: bool
     field: Literal["solution", "error"]
     channel: int | None
     light: Literal["flat", "shaded"] | None

@@ -351,6 +351,16 @@ class SolutionRecord:
         doubled = self.discretized.diagnosis().doubled
         return np.zeros((0, self.scene.surface.dim)) if doubled is None else doubled
 
+    @property
+    def ties(self) -> Floats:
+        """Edges (t, 2, d), on curves points (t, 1, d), where the Galerkin form ties parts with unknowns of their own.
+
+        They lie at creases and junctions, and between parts that are near in space but not along the manifold. Other
+        forms have none.
+        """
+        ties = self.discretized.diagnosis().ties
+        return np.zeros((0, 1, self.scene.surface.dim)) if ties is None else ties
+
     def display_mesh(self) -> DisplayMesh:
         """Return a mesh of the manifold with the solution at its vertices, cached; InputError if it has no mesh."""
         return self._display_mesh

@@ -128,7 +128,7 @@ class Drawing:
     triangles: Ints
     mesh_triangles: int  #: Number of triangles of the mesh itself, which come first.
     lit: bool  #: Whether the triangles are shaded.
-    ink: Shapes  #: The boundaries and, if requested, points at doubled nodes.
+    ink: Shapes  #: The boundaries and, if requested, ties and points at doubled nodes.
 
 
 def draw(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, lit: bool) -> Drawing:
@@ -169,7 +169,7 @@ def in_space(points: Floats) -> Floats:
 
 
 def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int) -> tuple[Camera, Floats, Floats]:
-    """Return the camera, segments (s, 2, 3) and points (k, 3) of boundaries and doubled nodes that ``look`` shows."""
+    """Return the camera, and segments (s, 2, 3) and points (k, 3) of the boundaries, ties and twins of ``look``."""
     curves, pins = [np.zeros((0, 2, 3))], [np.zeros((0, 3))]
     for boundary in solution.scene.boundaries if look.curves else ():
         if isinstance(boundary.source, HasMesh):
@@ -180,6 +180,10 @@ def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: i
                 pins.append(in_space(vertices))
     if look.twins:
         pins.append(in_space(solution.doubled))
+    if look.ties:
+        ties = solution.ties
+        places = in_space(ties.reshape(-1, ties.shape[2]))
+        curves, pins = ([*curves, places.reshape(-1, 2, 3)], pins) if ties.shape[1] == 2 else (curves, [*pins, places])
     segments, dots = np.concatenate(curves), np.concatenate(pins)
     more = np.concatenate([segments.reshape(-1, 3), dots])
     return make_camera(mesh.points, more, width, look), segments, dots

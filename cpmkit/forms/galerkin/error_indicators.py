@@ -71,13 +71,16 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
     """Return the divisor at twice the spacing in :func:`difference_order`; ``smooth`` is that of smooth sources."""
     if resolution.end_or_layer_reason():
         return SLOW_DIVISOR
+    lattices = [resolution] if coarser is None else [resolution, coarser]
+    has_charts = any(each.coefficients.sampled.has_charts for each in lattices)
     spread = resolution.normal_spread
     coarser_share = 0.0 if coarser is None else coarser.normal_spread.unresolved_share
     persists = spread.unresolved_share > FOLDED_SHARE if coarser is None else resolution.folds_persist(coarser)
     if resolution.coefficients.sampled.geometry != "closest_point":
         folded = spread.unresolved_share > PERSISTING_AREA or coarser_share > FOLDED_SHARE
-        return SLOW_DIVISOR if persists else min(smooth, FOLDED_DIVISOR if folded else MESH_DIVISOR)
-    if persists and spread.unresolved_share > THIN_SHARE:
+        of_mesh = THIN_DIVISOR if has_charts else FOLDED_DIVISOR if folded else MESH_DIVISOR
+        return SLOW_DIVISOR if persists else min(smooth, of_mesh)
+    if has_charts or (persists and spread.unresolved_share > THIN_SHARE):
         return THIN_DIVISOR
     if (
         spread.bending_share > CURVED_AREA
@@ -125,10 +128,11 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
     third = highest_differences(dof_map, u) if dof_map.degree == 2 else u[:0]
     if not len(third):
         return None
-    geometry = resolution.coefficients.sampled.geometry
+    sampled = resolution.coefficients.sampled
+    geometry = sampled.geometry
     if geometry == "normals":
         ratios = _rough_ratios(RESOLVED, (spread.unresolved_share, (0.003, 0.01)))
-    elif resolution.coefficients.sampled.mesh.beyond_tip.any():
+    elif sampled.mesh.beyond_tip.any() or sampled.has_charts:
         ratios = ENDING
     elif geometry == "flat":
         ratios = FLAT

@@ -303,6 +303,7 @@ class Galerkin(EquationAssembly, Discretized):
             difference_order(self.resolution, degree, ratio, other, difference, eigenvalues),
             self.resolution.slow_convergence_reason(other),
             unresolved_share=self.lattice_resolution.single_unknown_share,
+            ties=self.sampled.lattice.to_scene(self.sampled.ties),
         )
 
     def estimate(self, u: Floats) -> ExpectedError | None:
@@ -337,6 +338,7 @@ class Galerkin(EquationAssembly, Discretized):
             "form_reason": self.options.reason,
             **self.options.own.as_dict(),
             "origin": self.sampled.lattice.origin.tolist(),
+            "ties": len(self.sampled.ties),
             **self.space.describe(),
         }
 

@@ -35,6 +35,7 @@ def _counts(form: Galerkin) -> dict[str, int]:
         "samples": form.sampled.interior,
         "patches": len(form.space.dof_map.cells),
         "queries": form.sampled.queries,
+        "ties": len(form.sampled.ties),
     }
     for number, _ in enumerate(form.scene.boundaries):
         counts[f"boundary {number}"] = int((form.sampled.boundary.owner == number).sum())
@@ -123,6 +124,10 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
         if own.refine == "auto":
             why = "a first solution shows whether finer splines pay; all counts are those before it"
             parts.append(Part("levels of refine='auto'", f"up to {own.refine_levels}", why))
+        if counts["ties"]:
+            where = "at creases and junctions" + ", and between near parts" * form.sampled.has_charts
+            why = f"the mesh is cut {where}: each side has splines of its own, and u is continuous"
+            parts.append(Part("ties", f"{counts['ties']:,} facets", why))
         for number, boundary in enumerate(self.scene.boundaries):
             why = f"the mesh is cut there, each side has splines of its own: {sides_in_words(boundary)}"
             if form.sampled.oriented[number].left_description:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import SceneError
+from cpmkit.forms.galerkin.charts import chart_facets
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
 from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.imposed_conditions import (
@@ -39,7 +40,7 @@ from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
-from cpmkit.meshing.creases import with_creases
+from cpmkit.meshing.creases import CHART_OWNER, CREASE_OWNER, crease_facets, with_ties
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.insertion.boundary_insertion import Insertion, insert_boundaries
 from cpmkit.meshing.mesh_cache import repair_source_mesh
@@ -57,7 +58,7 @@ from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
-from cpmkit.types import SIDES, Bools, Ints
+from cpmkit.types import SIDES, Bools, Floats, Ints
 
 #: A boundary farther from the manifold than so many spacings is refused.
 AWAY_SPACINGS = 3.0
@@ -107,6 +108,20 @@ class SampledScene(InsertedScene):
         return self.interior + np.concatenate([np.zeros((0, 2), dtype=np.int64), *pairs])
 
     @property
+    def ties(self) -> Floats:
+        """(t, k - 1, d): the corners of the facets of ties, each facet once."""
+        half = self.boundary.half[self.boundary.on_tie & (self.boundary.place == 0)]
+        half = half[np.unique(self.half.cut[half], return_index=True)[1]]
+        k = self.mesh.cells.shape[1]
+        places = (self.half.facet[half, None] + np.arange(1, k)) % k
+        return np.asarray(self.mesh.vertices[self.mesh.cells[self.half.cell[half, None], places]])
+
+    @property
+    def has_charts(self) -> bool:
+        """Whether the mesh is cut between charts."""
+        return bool((self.boundary.owner == CHART_OWNER).any())
+
+    @property
     def queries(self) -> int:
         """Number of closest points computed, of the manifold and its boundaries."""
         sources = {id(source.queries): source.queries["points"] for source in (self.surface, *self.sources)}
@@ -148,15 +163,15 @@ def sample_inserted(
     has_singular_functions = options.own.tips == "singular" and mesh.manifold_dim == 2
     mesh = grade_towards_tips(mesh, spacing) if has_singular_functions else mesh
     mesh = curve_cells(mesh, geometry, surface, inserted.sources, spacing)
-    cut = with_creases(mesh, spacing, smooth=geometry == "normals")
-    is_uncut = geometry != "closest_point" and not len(cut.cut)  # repaired cells have distinct vertices
-    corners = mesh.cells if is_uncut else cut_corners(cut)
+    is_uncut = geometry != "closest_point" and not len(mesh.cut)  # repaired cells have distinct vertices
+    of_boundaries = mesh.cells if is_uncut else cut_corners(mesh)
+    cut, corners = _with_ties(mesh, of_boundaries, spacing, smooth=geometry == "normals")
     half, winding = half_facets(cut), mesh.winding
     warnings += tuple(seam_warnings(seam_midpoints(mesh, half), surface, geometry))
     terms = scene.problem.terms()
     flows_out = terms.conservative and terms.velocity is not None  # what leaves through rims is read at samples
     boundary = boundary_samples(cut, half, corners, needs_rims(scene) or flows_out, inserted.points)
-    left = left_of_boundaries(cut, half, corners, boundary, oriented, lattice)
+    left = left_of_boundaries(cut, half, of_boundaries, boundary, oriented, lattice)
     conditions = imposed_conditions(scene, boundary, left, surface, lattice)
     singular: tuple[SingularFunction, ...] = ()
     if has_singular_functions:
@@ -189,6 +204,22 @@ def sample_inserted(
         winding=winding,
         singular=singular,
     )
+
+
+def _with_ties(mesh: Mesh, corners: Ints, spacing: float, smooth: bool) -> tuple[Mesh, Ints]:
+    """Return a mesh cut at creases, junctions and between charts too, and the vertices (m, k) of its cells then.
+
+    ``corners`` (m, k) are those of the mesh cut along boundaries; with ``smooth`` cells are read as a smooth manifold.
+    """
+    creases = crease_facets(mesh, spacing, smooth)
+    if len(creases):
+        mesh = with_ties(mesh, creases, CREASE_OWNER)
+        corners = cut_corners(mesh)
+    charts = chart_facets(mesh, corners, spacing)
+    if len(charts):
+        mesh = with_ties(mesh, charts, CHART_OWNER)
+        corners = cut_corners(mesh)
+    return mesh, corners
 
 
 def _repaired_cells(

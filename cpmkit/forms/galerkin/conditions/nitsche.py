@@ -55,13 +55,14 @@ from cpmkit.types import Floats, Ints
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: The dimensionless penalty B on one side. At 20 matrices are definite for all 12 positions of a lattice, at 15 for 11;
-#: with samples clipped at knot planes a ring on a sphere, h / 6 above one, has negative eigenvalues at 40, none at 60.
-#: From 40 to 60 errors change by -15 to 1 percent, and iterations do not; from 80 on errors beside tips grow.
+#: The dimensionless penalty B on one side and at ties. On one side matrices are definite at 20 for all 12 positions of
+#: a lattice, at 15 for 11; with samples clipped at knot planes a ring on a sphere, h / 6 above one, has negative
+#: eigenvalues at 40, none at 60; so has a tie around a chart of one squared spacing at a hole. From 40 to 60 errors
+#: change by -15 to 1 percent, and iterations do not; from 80 on errors beside tips grow, and to 400 those at ties by a
+#: third.
 NITSCHE_PENALTY = 60.0
-#: The dimensionless penalties B between two sides, and of ties, where B = 40 is half as much for two lips: from 40 to
-#: 400 errors grow by a third, and iterations are the same.
-COUPLING_PENALTY, TIE_PENALTY = 40.0, 40.0
+#: The dimensionless penalty B between two sides.
+COUPLING_PENALTY = 40.0
 
 
 def one_sided_products(
@@ -120,7 +121,7 @@ def tie_products(a: Floats, widths: Floats, weights: Floats) -> list[tuple[Float
     ``weights`` (k,): the weights s of the samples.
     """
     lips = a.shape[1]
-    g = TIE_PENALTY * a / widths
+    g = NITSCHE_PENALTY * a / widths
     share = g / g.sum(axis=1, keepdims=True)
     total_flux = np.stack([np.zeros_like(a), a], axis=-1)
     products = [(total_flux, (-0.5 * weights / g.sum(axis=1))[:, None, None] * total_flux)]

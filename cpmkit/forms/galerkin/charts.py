@@ -1,0 +1,222 @@
+"""Charts: where parts of the manifold that are near in space but not along it would share unknowns, they are separated.
+
+A U-turn sharper than the spacing, the two sides of a slot, and the two mouths of a neck share splines, although a path
+along the manifold from one to the other is much longer than their distance. There the manifold is divided into charts,
+each of which is seen from one of its cells, and the mesh is cut between charts; ties keep u continuous there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cpmkit.forms.galerkin.chart_kernels import facing_groups, flood_charts, mark_common_unknowns, path_lengths
+from cpmkit.forms.galerkin.dof_map import DofMap, build_dof_map, build_patches, cell_codes
+from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.runtime.index_sets import connected_components, inverse_index
+from cpmkit.types import Bools, Floats, Ints
+
+#: Cells are grouped by lattice cells of this share of the spacing: what is smaller needs no charts of its own.
+GROUP_SHARE = 1 / 3
+#: Under a spline without folds the mean of the normals, each of length 1, is at least so long.
+LEAST_MEAN_NORMAL = 0.85
+#: Folds are sought up to this distance, in spacings (a U-turn of radius 1: .077 percent with 1.5, .0095 with 2.2 and
+#: with 3); voids between rims up to this one.
+FOLD_SPACINGS, VOID_SPACINGS = 2.1, 3.0
+#: Two points are near in space but not along the manifold if the path there is longer than their distance times a
+#: factor, for folds of curves and surfaces (opposite points of circles and tubes have 1.57). With 2 in place of 2.7
+#: organic meshes have 10 to 40 percent more unknowns at 3,000 to 6,000, without a gain on the whole; with 2.9 a U-turn
+#: of radius 1 is not found.
+FOLD_FACTORS = {1: 2.0, 2: 2.7}
+#: The same factor for voids (right angles have 1.41), where the path must be longer by so many spacings too, and the
+#: least path of folds and voids, in spacings.
+VOID_FACTOR, VOID_SPACINGS_MORE, LEAST_PATH_SPACINGS = 1.3, 0.1, 0.3
+#: Charts begin at folds first, the most opposite ones, then at voids with the longest paths, in spacings up to this.
+LONGEST_PATH_SPACINGS = 6.0
+#: A chart reaches up to so many spacings from its first group.
+REACH_SPACINGS = 7.0
+#: A chart below this area, in squared spacings, joins a neighbour. With 1 a bridge of .1 spacings stays 31 percent
+#: off in the first eigenvalue, with .05 it is 6.5.
+LEAST_AREA = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class CellGroups:
+    """Connected cells of a mesh in small cubes, and which of them touch."""
+
+    of_cell: Ints  #: (m,): the group of each cell of the mesh.
+    patch: Ints  #: (g,): the patch that contains each group.
+    centres: Floats  #: (g, d): the mean of the centres of their cells.
+    #: (g, d): the mean of the oriented normals of triangles, or tangents of segments, of length one; zero if none is.
+    directions: Floats
+    touching: Ints  #: (t, 2): pairs of groups whose cells share a vertex.
+
+
+@dataclass(frozen=True, eq=False)
+class RimEdges:
+    """The edges of triangles on rims of a surface; none on curves."""
+
+    cell: Ints  #: (r,): their triangles.
+    ends: Floats  #: (r, 2, d): their ends.
+    outward: Floats  #: (r, d): vectors out of the triangles, tangent to them and normal to the edge, as long as it.
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> RimEdges:
+        """Return the edges on the rims of a mesh."""
+        k = mesh.cells.shape[1]
+        cell, facet = np.nonzero(mesh.connectivity.on_rim[mesh.connectivity.facet_numbers] & (k == 3))
+        opposite, tail, head = (mesh.vertices[mesh.cells[cell, (facet + j) % k]] for j in range(3))
+        along, across = head - tail, tail - opposite
+        outward = unit(across - dots(across, unit(along))[:, None] * unit(along)) * norms(along)[:, None]
+        return cls(cell, np.stack([tail, head], axis=1), outward)
+
+
+def chart_facets(mesh: Mesh, corners: Ints, spacing: float) -> Ints:
+    """Return the facets (c, k - 1) between the charts of a mesh that is cut at boundaries and creases.
+
+    ``corners`` (m, k) are the vertices of its cells after cutting. ``spacing`` is h; cells are at most about half as
+    long.
+    """
+    none = np.zeros((0, mesh.manifold_dim), dtype=np.int64)
+    centres, vectors = mesh.vertices[mesh.cells].mean(axis=1), _measure_vectors(mesh)
+    dof_map = build_dof_map(centres, corners, spacing)
+    has_folds, rims = _reads_folded_unknown(dof_map, vectors), RimEdges.of(mesh)
+    if not (has_folds.any() or len(rims.cell)):
+        return none
+    groups = group_cells(corners, centres, vectors, dof_map)
+    pairs, scores = near_pairs(groups, rims, dof_map, has_folds, mesh.manifold_dim)
+    if not len(pairs):
+        return none
+    marked = mark_common_unknowns(dof_map.unknowns, groups.patch[pairs], dof_map.size)
+    score = np.zeros(len(groups.centres))
+    np.maximum.at(score, pairs, scores[:, None])
+    zone = np.flatnonzero(marked[dof_map.unknowns].any(axis=1)[dof_map.patch])
+    seeds = zone[np.argsort(-score[groups.of_cell[zone]], kind="stable")]
+    facets, sides = _inner_facets(mesh)
+    (starts, others), directions = _neighbours(sides, len(centres)), unit(vectors)
+    reach, normals = REACH_SPACINGS * spacing, directions[rims.cell]
+    chart = flood_charts(seeds, centres, directions, starts, others, rims.ends, normals, reach)
+    within = (chart[sides] >= 0).all(axis=1)
+    facets, sides = facets[within], sides[within]
+    if mesh.manifold_dim == 2:
+        least = LEAST_AREA * spacing**2
+        chart = _without_small_charts(chart, norms(vectors), sides, mesh.edge_lengths[facets], least)
+    first, second = chart[sides].T
+    chosen = np.zeros(mesh.connectivity.facet_count, dtype=bool)
+    chosen[facets[first != second]] = True
+    if mesh.manifold_dim == 1:
+        return np.flatnonzero(chosen)[:, None]
+    return np.asarray(mesh.edges.ends[chosen])
+
+
+def _without_small_charts(chart: Ints, areas: Floats, sides: Ints, lengths: Floats, least: float) -> Ints:
+    """Return the chart (m,) of each cell when each of an area below ``least`` has joined that with the longest border.
+
+    ``areas`` (m,) are those of cells, ``sides`` (e, 2) the cells at edges with ``lengths`` (e,), all in charts.
+    """
+    while True:
+        count, rows = int(chart.max()) + 1, chart >= 0
+        small = np.bincount(chart[rows], areas[rows], count) < least
+        pairs, both = chart[sides], np.concatenate([lengths, lengths])
+        own, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+        border = np.flatnonzero(small[own] & (own != other))
+        if not len(border):
+            return chart
+        code, place = np.unique(own[border] * count + other[border], return_inverse=True)
+        order = np.lexsort((-np.bincount(place, both[border]), code // count))
+        best = code[order[np.unique(code[order] // count, return_index=True)[1]]]
+        joined = connected_components(count, np.stack([best // count, best % count], axis=1))[1]
+        chart = np.where(rows, joined[chart], -1)
+
+
+def _measure_vectors(mesh: Mesh) -> Floats:
+    """Return normals (m, d) of triangles or tangents of segments, oriented, as long as the measure of each cell.
+
+    They are zero beside facets over which cells cannot be oriented.
+    """
+    corners = mesh.vertices[mesh.cells]
+    last = corners[:, -1] - corners[:, 0]
+    vectors = last if mesh.manifold_dim == 1 else 0.5 * np.cross(corners[:, 1] - corners[:, 0], last)
+    return np.asarray(vectors * mesh.winding[:, None])
+
+
+def _reads_folded_unknown(dof_map: DofMap, vectors: Floats) -> Bools:
+    """Return whether (p,) each patch reads an unknown under which the directions of cells, ``vectors``, spread."""
+    sums = _sums(dof_map.patch, np.concatenate([norms(vectors)[:, None], vectors], axis=1))
+    of_unknowns = _sums(dof_map.unknowns.ravel(), sums.repeat(dof_map.unknowns.shape[1], axis=0))
+    is_folded = norms(of_unknowns[:, 1:]) < LEAST_MEAN_NORMAL * of_unknowns[:, 0]
+    return np.asarray(is_folded[dof_map.unknowns].any(axis=1))
+
+
+def group_cells(corners: Ints, centres: Floats, vectors: Floats, dof_map: DofMap) -> CellGroups:
+    """Return groups of cells with the ``corners`` (m, k) after cutting, ``centres`` and directions ``vectors`` (m, d).
+
+    ``dof_map`` is that of the centres.
+    """
+    codes = cell_codes(centres, GROUP_SHARE * dof_map.spacing)
+    of_cell, roots, touching = build_patches(codes, corners, np.arange(len(corners)))
+    means = _sums(of_cell, centres) / np.bincount(of_cell)[:, None]
+    return CellGroups(of_cell, dof_map.patch[roots], means, unit(_sums(of_cell, vectors)), touching)
+
+
+def _sums(number: Ints, values: Floats) -> Floats:
+    """Return the sums (g, c) of the rows of ``values`` (m, c) with the same ``number`` (m,)."""
+    return np.stack([np.bincount(number, column) for column in values.T], axis=1)
+
+
+def near_pairs(
+    groups: CellGroups, rims: RimEdges, dof_map: DofMap, has_folds: Bools, manifold_dim: int
+) -> tuple[Ints, Floats]:
+    """Return the pairs (k, 2) of groups that are near in space but not along the manifold, and a score (k,) of each.
+
+    Charts begin at the highest scores. ``has_folds`` (p,) are the patches among which folds are sought.
+    """
+    h, centres, directions, patches = dof_map.spacing, groups.centres, groups.directions, len(dof_map.cells)
+    unknowns, readers = dof_map.unknowns, inverse_index(dof_map.unknowns.ravel(), dof_map.size)
+    members = inverse_index(groups.patch, patches)
+    folds = facing_groups(has_folds, unknowns, readers, members, centres, directions, FOLD_SPACINGS * h, manifold_dim)
+    at_rims, number = np.unique(groups.of_cell[rims.cell], return_inverse=True)
+    middles = _sums(number, rims.ends.mean(axis=1)) / np.bincount(number)[:, None]
+    outward, members = unit(_sums(number, rims.outward)), inverse_index(groups.patch[at_rims], patches)
+    voids = facing_groups(
+        np.ones(patches, dtype=bool), unknowns, readers, members, middles, outward, VOID_SPACINGS * h, 0
+    )
+    pairs, is_fold = np.concatenate([folds, at_rims[voids]]), np.arange(len(folds) + len(voids)) < len(folds)
+    void_limits = VOID_FACTOR * _distances(middles, voids) + VOID_SPACINGS_MORE * h
+    limits = np.concatenate([FOLD_FACTORS[manifold_dim] * _distances(centres, folds), void_limits])
+    limits = np.maximum(limits, LEAST_PATH_SPACINGS * h)
+    longest = np.where(is_fold, limits, np.maximum(limits, LONGEST_PATH_SPACINGS * h))
+    starts, others = _neighbours(groups.touching, len(centres))
+    steps = norms(centres[others] - centres.repeat(np.diff(starts), axis=0))
+    order = np.lexsort(pairs.T[::-1])
+    paths = np.empty(len(pairs))
+    paths[order] = path_lengths(pairs[order], longest[order], starts, others, steps)
+    opposite = 1.0 - dots(directions[pairs[:, 0]], directions[pairs[:, 1]])
+    scores = np.where(is_fold, LONGEST_PATH_SPACINGS + opposite, np.minimum(paths / h, LONGEST_PATH_SPACINGS))
+    is_far = paths > limits
+    return pairs[is_far], scores[is_far]
+
+
+def _distances(points: Floats, pairs: Ints) -> Floats:
+    """Return the distances (k,) between the two of each of ``pairs`` (k, 2) of ``points`` (n, d)."""
+    return norms(points[pairs[:, 1]] - points[pairs[:, 0]])
+
+
+def _neighbours(pairs: Any, count: int) -> tuple[Ints, Any]:
+    """Return the neighbours of each of ``count`` numbers in compressed rows, by ``pairs`` (t, 2) of adjacent ones."""
+    flat = np.ascontiguousarray(pairs).ravel()
+    starts, places = inverse_index(flat, count)
+    return starts, flat[places ^ 1]
+
+
+def _inner_facets(mesh: Mesh) -> tuple[Ints, Ints]:
+    """Return the facets (e,) of two cells that are not in ``mesh.cut``, and these cells (e, 2)."""
+    numbers, k = mesh.connectivity.facet_numbers, mesh.cells.shape[1]
+    starts, places = inverse_index(np.ascontiguousarray(numbers).ravel(), mesh.connectivity.facet_count)
+    is_inner = np.diff(starts) == 2
+    is_inner[mesh.cut_edges if k == 3 else mesh.cut[:, 0]] = False
+    facets = np.flatnonzero(is_inner)
+    return facets, places[starts[facets][:, None] + np.arange(2)] // k
