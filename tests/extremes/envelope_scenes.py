@@ -115,6 +115,14 @@ def plate_thickness(size: float) -> Known:
     return extruded([np.array([[0, 0], [0.9, 0], [0.9, t], [0, t]])], *_cosine(1.8 + t))
 
 
+def u_turn(size: float) -> Known:
+    """Two sheets joined by half a cylinder of a radius."""
+    r, angle = size * SPACING, np.linspace(-np.pi / 2, np.pi / 2, 25)
+    arc = r * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    line = np.concatenate([[[-0.9, -r]], arc, [[-0.9, r]]])
+    return extruded([line], *_cosine(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()))
+
+
 def fold(degrees: float) -> Known:
     """Two sheets that meet at an angle; 180 is flat."""
     turn = np.radians(degrees)
@@ -289,6 +297,7 @@ def far_from_zero(size: float) -> Known:
 
 FAMILIES = (
     Family("plate thickness", "spacings", (0.1, 0.4, 1, 2, 4), plate_thickness),
+    Family("radius of a U-turn", "spacings", (0.1, 0.25, 0.5, 1, 2), u_turn),
     Family("slot width", "spacings", (0.1, 0.5, 1, 2, 4), slot),
     Family("neck width", "spacings", (0.1, 0.5, 1, 2, 4), neck),
     Family("hole side", "spacings", (0.3, 1, 2, 4), hole),
