@@ -67,6 +67,8 @@ def sharpen_vertices(mesh: Mesh, source: LocalSource) -> Mesh:
         both = (np.concatenate([of, of]) for of in (faces.inward, faces.normals, faces.lengths))
         vertices, on_crease = points_on_creases(source, mesh.vertices, Faces(ends.T.ravel(), *both))
         mesh = mesh.with_same_cells(vertices=np.where(fixed[:, None], mesh.vertices, vertices))
+        if not on_crease.any():
+            break
         slivers = np.flatnonzero(on_crease[mesh.cells].all(axis=1))
         mesh = flip_third_edges(mesh, slivers, mesh.lengths_of_cells[slivers].argmax(axis=1))
     return mesh
@@ -137,6 +139,8 @@ def points_on_creases(source: LocalSource, points: Floats, faces: Faces) -> tupl
         inverse = np.where(large, 1 / np.where(large, values, 1.0), 0.0)
         x += np.einsum("nij,nj,nkj,nk->ni", vectors, inverse, vectors, sums[:, :, dim])
         rank = large.sum(axis=1)
+        if not (rank > 1).any():
+            break
     found = np.flatnonzero(used & (rank > 1) & (norms(x - points) < FARTHEST_SHARE * length))
     on_manifold = source.closest_point(x[found]).distance < ON_MANIFOLD_SHARE * length[found]
     on_crease = np.zeros(len(points), dtype=bool)

@@ -23,8 +23,8 @@ from cpmkit.types import Bools, Floats, Ints
 GROUP_SHARE = 1 / 3
 #: Under a spline without folds the mean of the normals, each of length 1, is at least so long.
 LEAST_MEAN_NORMAL = 0.85
-#: Folds are sought up to this distance, in spacings (a U-turn of radius 1: .077 percent with 1.5, .0095 with 2.2 and
-#: with 3); voids between rims up to this one.
+#: Folds are sought up to this distance, in spacings (a U-turn of radius 1: .06 percent with 1.8, .005 with 2.1); voids
+#: between rims up to the second one.
 FOLD_SPACINGS, VOID_SPACINGS = 2.1, 3.0
 #: Two points are near in space but not along the manifold if the path there is longer than their distance times a
 #: factor, for folds of curves and surfaces (opposite points of circles and tubes have 1.57). With 2 in place of 2.7
@@ -36,7 +36,7 @@ FOLD_FACTORS = {1: 2.0, 2: 2.7}
 VOID_FACTOR, VOID_SPACINGS_MORE, LEAST_PATH_SPACINGS = 1.3, 0.1, 0.3
 #: Charts begin at folds first, the most opposite ones, then at voids with the longest paths, in spacings up to this.
 LONGEST_PATH_SPACINGS = 6.0
-#: A chart reaches up to so many spacings from its first group.
+#: A chart reaches up to so many spacings from its first cell.
 REACH_SPACINGS = 7.0
 #: A chart below this area, in squared spacings, joins a neighbour. With 1 a bridge of .1 spacings stays 31 percent
 #: off in the first eigenvalue, with .05 it is 6.5.
@@ -80,7 +80,17 @@ def chart_facets(mesh: Mesh, corners: Ints, spacing: float) -> Ints:
     ``corners`` (m, k) are the vertices of its cells after cutting. ``spacing`` is h; cells are at most about half as
     long.
     """
-    none = np.zeros((0, mesh.manifold_dim), dtype=np.int64)
+    facets, sides, chart = _charts(mesh, corners, spacing)
+    chosen = facets[chart[sides[:, 0]] != chart[sides[:, 1]]]
+    return chosen[:, None] if mesh.manifold_dim == 1 else np.asarray(mesh.edges.ends[chosen])
+
+
+def _charts(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Ints, Ints, Ints]:
+    """Return the facets (e,) between two cells that both have a chart, these cells (e, 2), and the chart (m,) of cells.
+
+    Cells without a chart have -1. The arguments are those of :func:`chart_facets`.
+    """
+    none = np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64), np.full(len(mesh.cells), -1)
     centres, vectors = mesh.vertices[mesh.cells].mean(axis=1), _measure_vectors(mesh)
     dof_map = build_dof_map(centres, corners, spacing)
     has_folds, rims = _reads_folded_unknown(dof_map, vectors), RimEdges.of(mesh)
@@ -104,12 +114,7 @@ def chart_facets(mesh: Mesh, corners: Ints, spacing: float) -> Ints:
     if mesh.manifold_dim == 2:
         least = LEAST_AREA * spacing**2
         chart = _without_small_charts(chart, norms(vectors), sides, mesh.edge_lengths[facets], least)
-    first, second = chart[sides].T
-    chosen = np.zeros(mesh.connectivity.facet_count, dtype=bool)
-    chosen[facets[first != second]] = True
-    if mesh.manifold_dim == 1:
-        return np.flatnonzero(chosen)[:, None]
-    return np.asarray(mesh.edges.ends[chosen])
+    return facets, sides, chart
 
 
 def _without_small_charts(chart: Ints, areas: Floats, sides: Ints, lengths: Floats, least: float) -> Ints:
