@@ -61,9 +61,9 @@ def draw(families: Sequence[Family], found: dict[tuple[str, str], list[Outcome]]
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, charts = plt.subplots(5, 3, figsize=(10.5, 13), constrained_layout=True)
+    figure, charts = plt.subplots(4, 4, figsize=(13, 10.5), constrained_layout=True)
     colours = dict(zip(FORMS, ("#0b5fa5", "#c8641c"), strict=True))
-    for family, chart in zip(families, charts.flat, strict=False):
+    for family, chart in zip(families, charts.flat, strict=True):
         for form in FORMS:
             outcomes = found[family.name, form]
             errors = [100 * one.error for one in outcomes]
