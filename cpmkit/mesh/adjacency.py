@@ -81,6 +81,19 @@ def half_facets(mesh: Mesh) -> HalfFacets:
     return HalfFacets(cell, facet, of, along)
 
 
+def facets_of_two_cells(mesh: Mesh) -> tuple[Ints, Ints]:
+    """Return the facets (e,) that exactly two cells have, ascending, and where these have them, (e, 2) ascending.
+
+    A place is a position in the array (m, k) of cells and their facets, flattened.
+    """
+    from cpmkit.runtime.index_sets import inverse_index
+
+    numbers = np.ascontiguousarray(mesh.connectivity.facet_numbers).ravel()
+    starts, places = inverse_index(numbers, mesh.connectivity.facet_count)
+    facets = np.flatnonzero(np.diff(starts) == 2)
+    return facets, places[starts[facets][:, None] + np.arange(2)]
+
+
 @dataclass(frozen=True, eq=False)
 class Rim:
     """The edges or vertices on the rim of a mesh, and the directions out of the mesh there."""

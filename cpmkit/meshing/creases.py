@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.mesh.adjacency import facets_of_two_cells
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
@@ -64,14 +65,13 @@ def turning_facets(mesh: Mesh, degrees: float, sliver: float = 0.0) -> Bools:
 
     Slivers at boundaries, with a height over the facet below ``sliver``, do not count.
     """
-    numbers, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
-    times = np.bincount(numbers.ravel(), minlength=count)
-    first, second = _cells_at_facets(numbers, times)
-    inward = [inward_directions(mesh, places) for places in (first, second)]
+    facets, places = facets_of_two_cells(mesh)
+    inward = [inward_directions(mesh, of_side) for of_side in places.T]
     heights = [norms(vectors) for vectors in inward]
     turns = -dots(*inward) < np.cos(np.radians(degrees)) * heights[0] * heights[1]
-    turning = times > 2
-    turning[times == 2] = turns & ~_are_slivers(mesh, (first, second), heights, sliver)
+    numbers, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
+    turning = np.bincount(numbers.ravel(), minlength=count) > 2
+    turning[facets] = turns & ~_are_slivers(mesh, places.T, heights, sliver)
     return turning
 
 
@@ -87,17 +87,6 @@ def with_ties(mesh: Mesh, facets: Ints, owner: int) -> Mesh:
         owner=np.concatenate([mesh.owner, np.full(len(facets), owner)]),
         beyond_tip=np.concatenate([mesh.beyond_tip, np.zeros(len(facets), dtype=bool)]),
     )
-
-
-def _cells_at_facets(numbers: Ints, times: Ints) -> tuple[Ints, Ints]:
-    """Return two places (e,) in ``numbers.ravel()`` for each facet that occurs twice, by ascending facet.
-
-    ``numbers`` (m, k) are the facets of the cells, ``times`` (f,) how often each occurs.
-    """
-    order = np.argsort(numbers, axis=None, kind="stable")
-    starts = np.cumsum(times) - times
-    twice = starts[times == 2]
-    return order[twice], order[twice + 1]
 
 
 def inward_directions(mesh: Mesh, places: Ints) -> Floats:
@@ -122,10 +111,10 @@ def inward_directions(mesh: Mesh, places: Ints) -> Floats:
     return np.asarray(inward)
 
 
-def _are_slivers(mesh: Mesh, places: tuple[Ints, Ints], heights: Sequence[Floats], least: float) -> Bools:
+def _are_slivers(mesh: Mesh, places: Ints, heights: Sequence[Floats], least: float) -> Bools:
     """Return whether (e,) one of the two triangles at an edge has a height below ``least`` and a boundary vertex.
 
-    ``places`` and ``heights``, (e,) each, are positions of the edges in their cells, flattened, and the heights there.
+    ``places`` (2, e) and ``heights``, two (e,), are where the two cells have each edge, and the heights there.
     """
     slivers = np.zeros(len(places[0]), dtype=bool)
     if mesh.manifold_dim == 2 and len(mesh.cut):

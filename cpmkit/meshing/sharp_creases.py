@@ -118,22 +118,21 @@ def points_on_creases(source: LocalSource, points: Floats, faces: Faces) -> tupl
     A node x moves by the shortest vector that takes it onto the planes through feet p on the faces with normals n,
     ``n . (x - p) = 0``, in the sense of least squares, for planes ever nearer to it.
     """
-    x, dim = points.copy(), points.shape[1]
-    used = np.bincount(faces.node, minlength=len(points)) > 1
-    length = np.zeros(len(points))
-    np.maximum.at(length, faces.node, faces.lengths)
-    rank = np.zeros(len(points), dtype=np.int64)
+    nodes, node, times = np.unique(faces.node, return_inverse=True, return_counts=True)
+    start, dim = points[nodes], points.shape[1]
+    x, length, rank = start.copy(), np.zeros(len(nodes)), np.zeros(len(nodes), dtype=np.int64)
+    np.maximum.at(length, node, faces.lengths)
     for share in PLANE_SHARES:
         step = share * faces.lengths[:, None]
         if HEIGHT_SHARE * float(step.min(initial=np.inf)) < NOISE_FACTOR * source.noise:
             break
-        feet = source.closest_point(x[faces.node] + step * faces.inward).points
+        feet = source.closest_point(x[node] + step * faces.inward).points
         above = feet + HEIGHT_SHARE * step * faces.normals
         n = unit(above - source.closest_point(above).points)
-        distance = dots(n, feet - x[faces.node])
+        distance = dots(n, feet - x[node])
         products = [n[:, i] * value for i in range(dim) for value in (*n.T, distance)]
-        sums = np.stack([np.bincount(faces.node, each, len(points)) for each in products], axis=1)
-        sums = sums.reshape(len(points), dim, dim + 1)
+        sums = np.stack([np.bincount(node, each, len(nodes)) for each in products], axis=1)
+        sums = sums.reshape(len(nodes), dim, dim + 1)
         values, vectors = np.linalg.eigh(sums[:, :, :dim])
         large = values > LEAST_SINGULAR_SHARE**2 * values[:, -1:]
         inverse = np.where(large, 1 / np.where(large, values, 1.0), 0.0)
@@ -141,8 +140,8 @@ def points_on_creases(source: LocalSource, points: Floats, faces: Faces) -> tupl
         rank = large.sum(axis=1)
         if not (rank > 1).any():
             break
-    found = np.flatnonzero(used & (rank > 1) & (norms(x - points) < FARTHEST_SHARE * length))
-    on_manifold = source.closest_point(x[found]).distance < ON_MANIFOLD_SHARE * length[found]
-    on_crease = np.zeros(len(points), dtype=bool)
-    on_crease[found[on_manifold]] = True
-    return np.where(on_crease[:, None], x, points), on_crease
+    found = np.flatnonzero((times > 1) & (rank > 1) & (norms(x - start) < FARTHEST_SHARE * length))
+    found = found[source.closest_point(x[found]).distance < ON_MANIFOLD_SHARE * length[found]]
+    moved, on_crease = points.copy(), np.zeros(len(points), dtype=bool)
+    moved[nodes[found]], on_crease[nodes[found]] = x[found], True
+    return moved, on_crease

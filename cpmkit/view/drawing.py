@@ -181,9 +181,12 @@ def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: i
     if look.twins:
         pins.append(in_space(solution.doubled))
     if look.ties:
-        ties = solution.ties
-        places = in_space(ties.reshape(-1, ties.shape[2]))
-        curves, pins = ([*curves, places.reshape(-1, 2, 3)], pins) if ties.shape[1] == 2 else (curves, [*pins, places])
+        ends = solution.ties
+        places = in_space(ends.reshape(-1, ends.shape[2]))
+        if ends.shape[1] == 2:
+            curves.append(places.reshape(-1, 2, 3))
+        else:
+            pins.append(places)
     segments, dots = np.concatenate(curves), np.concatenate(pins)
     more = np.concatenate([segments.reshape(-1, 3), dots])
     return make_camera(mesh.points, more, width, look), segments, dots

@@ -15,6 +15,7 @@ import numpy as np
 from cpmkit.forms.galerkin.chart_kernels import facing_groups, flood_charts, mark_common_unknowns, path_lengths
 from cpmkit.forms.galerkin.dof_map import DofMap, build_dof_map, build_patches, cell_codes
 from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.mesh.adjacency import facets_of_two_cells, rim_of_edges
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.index_sets import connected_components, inverse_index
 from cpmkit.types import Bools, Floats, Ints
@@ -66,12 +67,9 @@ class RimEdges:
     @classmethod
     def of(cls, mesh: Mesh) -> RimEdges:
         """Return the edges on the rims of a mesh."""
-        k = mesh.cells.shape[1]
-        cell, facet = np.nonzero(mesh.connectivity.on_rim[mesh.connectivity.facet_numbers] & (k == 3))
-        opposite, tail, head = (mesh.vertices[mesh.cells[cell, (facet + j) % k]] for j in range(3))
-        along, across = head - tail, tail - opposite
-        outward = unit(across - dots(across, unit(along))[:, None] * unit(along)) * norms(along)[:, None]
-        return cls(cell, np.stack([tail, head], axis=1), outward)
+        rim, cell_of = rim_of_edges(mesh), np.zeros(len(mesh.edges.ends), dtype=np.int64)
+        cell_of[mesh.edges.of_cells] = np.arange(len(mesh.cells))[:, None]
+        return cls(cell_of[rim.rows], mesh.vertices[mesh.edges.ends[rim.rows]], rim.outward)
 
 
 def chart_facets(mesh: Mesh, corners: Ints, spacing: float) -> Ints:
@@ -105,7 +103,9 @@ def _charts(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Ints, Ints, Ints
     np.maximum.at(score, pairs, scores[:, None])
     zone = np.flatnonzero(marked[dof_map.unknowns].any(axis=1)[dof_map.patch])
     seeds = zone[np.argsort(-score[groups.of_cell[zone]], kind="stable")]
-    facets, sides = _inner_facets(mesh)
+    facets, places = facets_of_two_cells(mesh)
+    is_open = ~np.isin(facets, mesh.cut[:, 0] if mesh.manifold_dim == 1 else mesh.cut_edges)
+    facets, sides = facets[is_open], places[is_open] // mesh.cells.shape[1]
     (starts, others), directions = _neighbours(sides, len(centres)), unit(vectors)
     reach, normals = REACH_SPACINGS * spacing, directions[rims.cell]
     chart = flood_charts(seeds, centres, directions, starts, others, rims.ends, normals, reach)
@@ -215,13 +215,3 @@ def _neighbours(pairs: Any, count: int) -> tuple[Ints, Any]:
     flat = np.ascontiguousarray(pairs).ravel()
     starts, places = inverse_index(flat, count)
     return starts, flat[places ^ 1]
-
-
-def _inner_facets(mesh: Mesh) -> tuple[Ints, Ints]:
-    """Return the facets (e,) of two cells that are not in ``mesh.cut``, and these cells (e, 2)."""
-    numbers, k = mesh.connectivity.facet_numbers, mesh.cells.shape[1]
-    starts, places = inverse_index(np.ascontiguousarray(numbers).ravel(), mesh.connectivity.facet_count)
-    is_inner = np.diff(starts) == 2
-    is_inner[mesh.cut_edges if k == 3 else mesh.cut[:, 0]] = False
-    facets = np.flatnonzero(is_inner)
-    return facets, places[starts[facets][:, None] + np.arange(2)] // k
