@@ -74,7 +74,7 @@ def extruded(arms: list[Any], values: list[Callable[[Any], Any]], load: list[Cal
     def at(functions: Any) -> Any:
         def value(x: Any) -> Any:
             y = TILT.local(x)
-            found = [_along(arm, y[:, :2]) for arm in arms]
+            found = [along(arm, y[:, :2]) for arm in arms]
             nearest = np.argmin([distance for distance, _ in found], axis=0)
             rows = np.stack([function(length) for function, (_, length) in zip(functions, found, strict=True)])
             return rows[nearest, np.arange(len(y))] * np.cos(np.pi * y[:, 2])
@@ -92,7 +92,7 @@ def extruded(arms: list[Any], values: list[Callable[[Any], Any]], load: list[Cal
     return Known(ck.Scene(source, ck.ScreenedPoisson(at(load), c=1.0)), x, at(values)(x))
 
 
-def _along(arm: Any, y: Any) -> tuple[Any, Any]:
+def along(arm: Any, y: Any) -> tuple[Any, Any]:
     """Return distances (n,) from a polyline, and lengths along it of the nearest points."""
     starts, ways = arm[:-1], np.diff(arm, axis=0)
     sizes = np.linalg.norm(ways, axis=1)
@@ -117,10 +117,15 @@ def plate_thickness(size: float) -> Known:
 
 def u_turn(size: float) -> Known:
     """Two sheets joined by half a cylinder of a radius."""
-    r, angle = size * SPACING, np.linspace(-np.pi / 2, np.pi / 2, 25)
-    arc = r * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    line = np.concatenate([[[-0.9, -r]], arc, [[-0.9, r]]])
+    line = u_turn_line(size * SPACING)
     return extruded([line], *_cosine(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()))
+
+
+def u_turn_line(radius: float) -> Any:
+    """Return the polyline (k, 2) of two parallel segments of length .9 and a half circle of 24 chords."""
+    turns = np.linspace(-0.5, 0.5, 25) * np.pi
+    arc = radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    return np.concatenate([[[-0.9, -radius]], arc, [[-0.9, radius]]])
 
 
 def fold(degrees: float) -> Known:

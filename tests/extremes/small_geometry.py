@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from extremes.ambient import Place
-from extremes.envelope_scenes import TILT, extruded
+from extremes.envelope_scenes import TILT, along, extruded
 
 import cpmkit as ck
 
@@ -40,13 +40,6 @@ def polyline_of(degrees: Sequence[float], length: float) -> Any:
     turns = np.radians(degrees)
     steps = length * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     return np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)])
-
-
-def u_turn_line(radius: float) -> Any:
-    """Return the polyline (k, 2) of two parallel segments of length .9 and a half circle of 24 chords."""
-    turns = np.linspace(-0.5, 0.5, 25) * np.pi
-    arc = radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    return np.concatenate([[[-0.9, -radius]], arc, [[-0.9, radius]]])
 
 
 def plate_line(thickness: float) -> Any:
@@ -91,19 +84,10 @@ def plane_line(line: Any) -> SmallScene:
     points = np.stack([np.interp(s, stops, column) for column in line.T], axis=1)
 
     def load(x: Any) -> Any:
-        return (1 + k * k) * np.cos(k * _along(line, stops, PLANE_TILT.local(x)))
+        return (1 + k * k) * np.cos(k * along(line, PLANE_TILT.local(x))[1])
 
     scene = ck.Scene(source, ck.ScreenedPoisson(load, c=1.0))
     return SmallScene(scene, PLANE_TILT.world(points), lambda: (np.cos(k * s), None))
-
-
-def _along(line: Any, stops: Any, y: Any) -> Any:
-    """Return the lengths (n,) along a polyline of its points nearest to ``y`` (n, 2)."""
-    ways, sizes = np.diff(line, axis=0), np.diff(stops)
-    share = np.clip(np.einsum("nkd,kd->nk", y[:, None] - line[:-1], ways) / sizes**2, 0, 1)
-    nearest = np.linalg.norm(y[:, None] - line[:-1] - share[:, :, None] * ways, axis=2).argmin(axis=1)
-    rows = np.arange(len(y))
-    return stops[nearest] + share[rows, nearest] * sizes[nearest]
 
 
 def plane_arms(degrees: Sequence[float]) -> SmallScene:

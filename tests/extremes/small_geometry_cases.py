@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from extremes.envelope_scenes import u_turn_line
 from extremes.small_bodies import CONE, CYLINDER, cube, lens, real_mesh, smooth_control, turned_body
 from extremes.small_geometry import (
     SmallScene,
@@ -21,7 +22,6 @@ from extremes.small_geometry import (
     polyline_of,
     slot,
     square_hole,
-    u_turn_line,
 )
 
 SPACING = 0.05

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from coarse_meshes import torus
-from extremes.envelope_scenes import TILT, extruded, hole, neck, slot
+from extremes.envelope_scenes import SPACING, TILT, along, hole, neck, slot, u_turn, u_turn_line
 from model_problems import order_of
 
 import cpmkit as ck
@@ -17,27 +17,11 @@ SHIFTS, BALL = (0.0, 0.37), trimesh.creation.icosphere(4)
 TURN = np.linalg.qr(np.array([[1.0, 0.3, 0.2], [-0.3, 1.0, 0.4], [0.1, -0.5, 1.0]]))[0]
 
 
-def u_turn(radius, length=0.9):
-    """Return a polyline (k, 2): two straight lines of a length, joined by a half circle."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 25)
-    arc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return np.concatenate([[[-length, -radius]], arc, [[-length, radius]]])
-
-
 def wave(polyline):
     """Return the length of a polyline, and u = cos(k s), one half wave along it, with f of -u'' + 4 u = f."""
     length = np.linalg.norm(np.diff(polyline, axis=0), axis=1).sum()
     k = np.pi / length
     return length, lambda s: np.cos(k * s), lambda s: (4 + k * k) * np.cos(k * s)
-
-
-def along(polyline, x):
-    """Return the lengths (n,) along a polyline (k, 2) of the points nearest to x (n, 2)."""
-    starts, ways = polyline[:-1], np.diff(polyline, axis=0)
-    sizes = np.linalg.norm(ways, axis=1)
-    share = np.clip(np.einsum("nkd,kd->nk", x[:, None] - starts, ways) / sizes**2, 0, 1)
-    best = np.linalg.norm(x[:, None] - starts - share[:, :, None] * ways, axis=2).argmin(axis=1)
-    return (np.cumsum(sizes) - sizes)[best] + share[np.arange(len(x)), best] * sizes[best]
 
 
 def triangles(vertices, faces):
@@ -53,9 +37,7 @@ def solve_known(known, h, shift=0.0, **options):
 
 def turned_sheets(radius):
     """Return the known scene of a sheet with a U-turn: u is cos(pi z) times a half wave along the polyline."""
-    polyline = u_turn(radius)
-    k = np.pi / wave(polyline)[0]
-    return extruded([polyline], [lambda s: np.cos(k * s)], [lambda s: (1 + np.pi**2 + k * k) * np.cos(k * s)])
+    return u_turn(radius / SPACING)
 
 
 @pytest.mark.parametrize("radius", [0.1, 0.25, 0.5, 1.0])
@@ -80,11 +62,11 @@ def test_the_order_of_u_turns_of_a_fixed_number_of_spacings(radius):
 @pytest.mark.parametrize("radius", [0.1, 0.25, 0.5])
 def test_a_u_turn_of_a_curve(radius, dim):
     """Without charts the errors are .1 to 1.4 percent."""
-    h, polyline = 0.05, u_turn(0.05 * radius)
+    h, polyline = 0.05, u_turn_line(0.05 * radius)
     length, u, f = wave(polyline)
     turn = TURN if dim == 3 else np.array([[0.8, -0.6], [0.6, 0.8]])
     points = np.pad(polyline, ((0, 0), (0, dim - 2))) @ turn.T
-    problem = ck.ScreenedPoisson(lambda x: f(along(polyline, (x @ turn)[:, :2])), 4.0)
+    problem = ck.ScreenedPoisson(lambda x: f(along(polyline, (x @ turn)[:, :2])[1]), 4.0)
     scene = ck.Scene(ck.source("mesh.polyline", points=points), problem)
     s = np.linspace(0.01, 0.99, 200) * length
     lengths = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(polyline, axis=0), axis=1))])
