@@ -1,13 +1,19 @@
-"""Types of arrays, of sides and of progress callbacks used in the whole package."""
+"""Types of arrays, of matrices, of sides and of progress callbacks used in the whole package."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    SparseMatrix = csr_array
+else:  # SciPy is imported by the functions that make matrices
+    SparseMatrix = Any
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

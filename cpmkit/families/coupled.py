@@ -15,7 +15,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -31,10 +31,7 @@ from cpmkit.linear.residuals import SolveReport
 from cpmkit.scene.compound_equations import Biharmonic, Coupled
 from cpmkit.scene.equations import Terms
 from cpmkit.solution.record import SolutionRecord
-from cpmkit.types import Floats, Sides
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Sides, SparseMatrix
 
 
 def solve_coupled(context: SolveContext) -> SolutionRecord:
@@ -108,7 +105,7 @@ def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) 
     matrix = bsr_array((blocks, single.indices, single.indptr)).tocsr()
     asymmetry = np.abs(coupling - coupling.transpose(0, 2, 1)).max(initial=0.0)
     symmetric = asymmetry <= 1e-12 * np.abs(coupling).max(initial=0.0)
-    masses: dict[tuple[int, int], csr_array] = {}
+    masses: dict[tuple[int, int], SparseMatrix] = {}
     for i in range(channels):
         for j in range(channels):
             if (j, i) in masses and symmetric:

@@ -37,11 +37,9 @@ from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Ints, Side, Sides
+from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from cpmkit.linear.residuals import SolveReport
     from cpmkit.solution.display_mesh import DisplayMesh
 
@@ -128,7 +126,7 @@ class FormOperators(ABC):
         """
         raise missing_ability_error(self, "diffusivity that depends on u")
 
-    def weighted_mass(self, values: Floats) -> csr_array:
+    def weighted_mass(self, values: Floats) -> SparseMatrix:
         """Return the integrals (n, n) of c u v, c = ``values`` (p,) at :attr:`points`; by default raise SceneError."""
         raise missing_ability_error(self, "coupled channels")
 
@@ -168,7 +166,7 @@ class FormOperators(ABC):
         """Return the indicators and means of the pieces where u + constant solves A u = b if u does; else None."""
         return free_pieces(stiffness, lambda: self.mass)
 
-    def means_without_flux(self) -> csr_array | None:
+    def means_without_flux(self) -> SparseMatrix | None:
         """Return the means (k, n) over the k pieces that no flux leaves; None if there are none or they are inexact."""
         return None
 
@@ -253,7 +251,7 @@ class FormValues(FormOperators):
         """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
 
     @abstractmethod
-    def rows(self, points: Floats, side: Sides = None) -> csr_array:
+    def rows(self, points: Floats, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d).
 
         ``side`` is the side from which points on boundaries are read, for all or by name; None leaves it to the form.

@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cpmkit.runtime.threads import run_parcels, thread_count
-from cpmkit.types import Floats
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
+from cpmkit.types import Floats, SparseMatrix
 
 #: Least entries of a matrix whose products use all threads: starting them takes as long as one or two such products.
 MIN_SHARED_ENTRIES = 1 << 22
@@ -37,14 +33,14 @@ class UnsignedCsr:
     width: int  #: Number of columns, m.
 
     @classmethod
-    def from_matrix(cls, matrix: csr_array, kind: Any = np.float64) -> UnsignedCsr:
+    def from_matrix(cls, matrix: SparseMatrix, kind: Any = np.float64) -> UnsignedCsr:
         """Return the SciPy ``matrix`` in this form, with entries of the type ``kind``."""
         indices = matrix.indices
         columns = indices.view(np.uint32) if indices.dtype == np.int32 else indices.astype(np.uint32)
         entries = matrix.data.astype(kind, copy=False)
         return cls(matrix.indptr.astype(np.uint64), columns, entries, int(matrix.shape[1]))
 
-    def to_csr(self) -> csr_array:
+    def to_csr(self) -> SparseMatrix:
         """Return the matrix in SciPy's form, which may share its memory; the entries of a row may be unsorted."""
         from scipy.sparse import csr_array
 
@@ -123,7 +119,7 @@ class SymmetricCsr:
     entries: Any
 
     @classmethod
-    def from_matrix(cls, matrix: csr_array, kind: Any = np.float64) -> SymmetricCsr:
+    def from_matrix(cls, matrix: SparseMatrix, kind: Any = np.float64) -> SymmetricCsr:
         """Return the SciPy ``matrix`` in this form, with entries of the type ``kind``."""
         from cpmkit.linear.csr_kernels import upper_half
 
@@ -149,7 +145,7 @@ class ThreadedProduct:
     Its rows should have about the same number of entries each.
     """
 
-    matrix: csr_array
+    matrix: SparseMatrix
 
     @cached_property
     def rows(self) -> int:
@@ -158,7 +154,7 @@ class ThreadedProduct:
         return int(max(PARCEL_ENTRIES // per_row, 1))
 
     @cached_property
-    def blocks(self) -> list[csr_array]:
+    def blocks(self) -> list[SparseMatrix]:
         """The blocks of rows of the matrix, one for each parcel, which share its memory."""
         from scipy.sparse import csr_array
 

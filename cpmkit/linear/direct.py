@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,10 +12,7 @@ from cpmkit.errors import SceneError
 from cpmkit.linear.operators import Border, Bordered, as_bordered, has_symmetric_pattern, scatter_matrix
 from cpmkit.linear.protocols import Operator
 from cpmkit.linear.residuals import IndefiniteError, SolveReport, judge
-from cpmkit.types import Floats, Progress, no_progress
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Progress, SparseMatrix, no_progress
 
 #: The diagonal entry of a symmetric matrix is the pivot unless it is below this share of the largest entry of its
 #: column: a matrix with eigenvalues of both signs, of waves or shifted between eigenvalues, may have pivots near zero.
@@ -39,7 +36,7 @@ class Cholesky:
         return np.ascontiguousarray(u.T).reshape(b.shape)
 
 
-def cholesky(matrix: csr_array) -> Cholesky | None:
+def cholesky(matrix: SparseMatrix) -> Cholesky | None:
     """Return the dense Cholesky factor of a symmetric matrix of up to 640 unknowns, None if it has none or is sparse.
 
     It has none if it is not positive definite, or complex (complex shifts are symmetric, not Hermitian). Sparse factors
@@ -57,7 +54,7 @@ def cholesky(matrix: csr_array) -> Cholesky | None:
     return Cholesky(lower) if factorize_cholesky(lower) else None
 
 
-def factorize_matrix(matrix: csr_array, symmetric_pattern: bool, pivot_share: float = PIVOT_SHARE) -> Any:
+def factorize_matrix(matrix: SparseMatrix, symmetric_pattern: bool, pivot_share: float = PIVOT_SHARE) -> Any:
     """Return SuperLU's factors of a sparse matrix.
 
     ``symmetric_pattern`` is for a symmetric sparsity pattern and a positive symmetric part, whose diagonal entries can
@@ -72,7 +69,7 @@ def factorize_matrix(matrix: csr_array, symmetric_pattern: bool, pivot_share: fl
     return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot_share, options=options)
 
 
-def factorize_symmetric(matrix: csr_array, where: str, positive: bool = True) -> Any:
+def factorize_symmetric(matrix: SparseMatrix, where: str, positive: bool = True) -> Any:
     """Return the factors, with a method ``solve``, of a symmetric matrix: a dense :class:`Cholesky` or SuperLU's.
 
     Raises IndefiniteError if the matrix is singular, or not positive definite although it is to be ``positive``; the
@@ -103,7 +100,7 @@ class BorderedFactors:
 
     pinned: Any  #: SuperLU or Cholesky: factors of P.
     solved_columns: Floats  #: (n, r): ``P^-1 U``.
-    rows: csr_array  #: (r, n): V.
+    rows: SparseMatrix  #: (r, n): V.
     inverse: Floats  #: (r, r): ``(1 + V P^-1 U)^-1``.
 
     def solve(self, b: Floats) -> Floats:
@@ -130,13 +127,13 @@ def factorize_operator(operator: Operator) -> Any:
     return BorderedFactors(lu, solved, rows, np.linalg.inv(np.eye(len(columns[0])) + rows @ solved))
 
 
-def _dense_or_sparse_factors(matrix: csr_array, operator: Operator) -> Any:
+def _dense_or_sparse_factors(matrix: SparseMatrix, operator: Operator) -> Any:
     """Return dense factors of an operator's ``matrix`` if it is small, symmetric and positive, else SuperLU's."""
     dense = cholesky(matrix) if operator.symmetric else None
     return factorize_matrix(matrix, has_symmetric_pattern(operator)) if dense is None else dense
 
 
-def pinned_matrix(operator: Bordered) -> csr_array:
+def pinned_matrix(operator: Bordered) -> SparseMatrix:
     """Return A of a bordered operator plus s on the diagonal at one unknown of each piece with a free constant.
 
     It is regular, as ``A + s F W`` is, and sparse.
@@ -145,7 +142,7 @@ def pinned_matrix(operator: Bordered) -> csr_array:
     return (operator.to_csr() + operator.shift * (pinned @ pinned.T)).tocsr()
 
 
-def _pinned_unknowns(border: Border) -> csr_array:
+def _pinned_unknowns(border: Border) -> SparseMatrix:
     """Return the unit vectors (n, k) of one unknown of each piece: that with the largest weight in the piece's mean."""
     return scatter_matrix(np.asarray(border.mean.argmax(axis=1)).ravel(), border.mean.shape[1])
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cpmkit.linear.protocols import Operator
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +29,7 @@ class CsrOperator:
         Whether an unsymmetric matrix has a symmetric sparsity pattern, and a symmetric part positive but for constants.
     """
 
-    matrix: csr_array
+    matrix: SparseMatrix
     symmetric: bool = False
     indefinite: bool = False
     symmetric_pattern: bool = False
@@ -60,7 +57,7 @@ class CsrOperator:
         """Return the entries ``rows`` (r,) of A u for u (n,) or (n, channels): (r,) or (r, channels)."""
         return np.asarray(self.matrix[rows] @ u)
 
-    def to_csr(self) -> csr_array:
+    def to_csr(self) -> SparseMatrix:
         """Return the matrix itself, not a copy."""
         return self.matrix
 
@@ -77,7 +74,7 @@ class CsrOperator:
         return _sum_of(-shift, mass, 1.0, self)
 
 
-def connected_unknowns(count: int, matrices: Iterable[tuple[csr_array, int, int]]) -> tuple[int, Ints]:
+def connected_unknowns(count: int, matrices: Iterable[tuple[SparseMatrix, int, int]]) -> tuple[int, Ints]:
     """Return the number of connected components of ``count`` unknowns, and the component (count,) of each unknown.
 
     Each of ``matrices``, (matrix, first_row, first_column), connects the unknown ``first_row + i`` with the unknown
@@ -98,7 +95,7 @@ def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOp
     return CsrOperator(_matrix_sum(factor, operator, weight, mass), symmetric, symmetric_pattern=pattern)
 
 
-def _matrix_sum(factor: Any, operator: Operator, weight: Any, mass: Operator | None) -> csr_array:
+def _matrix_sum(factor: Any, operator: Operator, weight: Any, mass: Operator | None) -> SparseMatrix:
     """Return the matrix ``factor A + weight M``; M is the identity if no mass is given."""
     from scipy.sparse import eye_array
 
@@ -117,7 +114,7 @@ def without_border(operator: Operator) -> Operator:
     return operator if bordered is None else bordered.operator
 
 
-def with_diagonal(matrix: csr_array, added: Floats) -> csr_array:
+def with_diagonal(matrix: SparseMatrix, added: Floats) -> SparseMatrix:
     """Return ``matrix`` (n, n) with ``added`` (n,) added to its diagonal."""
     from scipy.sparse import diags_array
 
@@ -147,12 +144,12 @@ class Border:
         F, in any scale; B if None, as for a form whose mass matrix is the identity.
     """
 
-    indicator: csr_array
-    mean: csr_array
-    load: csr_array | None = None
+    indicator: SparseMatrix
+    mean: SparseMatrix
+    load: SparseMatrix | None = None
 
     @property
-    def constant_load(self) -> csr_array:
+    def constant_load(self) -> SparseMatrix:
         """F (n, k), the load of a constant on each piece."""
         return self.indicator if self.load is None else self.load
 
@@ -226,7 +223,7 @@ class Bordered(_DerivedOperator):
         of_means = self.border.constant_load[rows] @ (self.border.mean @ u)
         return np.asarray(self.operator.apply_rows(u, rows) + self.shift * of_means)
 
-    def to_csr(self) -> csr_array:
+    def to_csr(self) -> SparseMatrix:
         """Return A alone, which is singular: F W has full rows, and would fill the matrix."""
         return self.operator.to_csr()
 
@@ -272,11 +269,11 @@ class ComplexShift(_DerivedOperator):
         """Return the entries ``rows`` (r,) of :meth:`apply`: (r,) or (r, channels)."""
         return self.apply(u)[rows]
 
-    def to_csr(self) -> csr_array:
+    def to_csr(self) -> SparseMatrix:
         """Return the complex matrix ``A - i s M``."""
         return _matrix_sum(1.0, self.operator, -1j * self.s, self.mass)
 
-    def positive_matrix(self) -> csr_array:
+    def positive_matrix(self) -> SparseMatrix:
         """Return the real matrix ``A + s M``; preconditioned by it, ``A - i s M`` has eigenvalues between 1 and -i."""
         return _matrix_sum(1.0, self.operator, self.s, self.mass)
 
@@ -294,7 +291,7 @@ class LinearSystem:
         return len(self.right_side)
 
 
-def matrix_of_rows(weights: Floats, columns: Ints, count: int) -> csr_array:
+def matrix_of_rows(weights: Floats, columns: Ints, count: int) -> SparseMatrix:
     """Return the matrix (n, count) whose row k has the entries ``weights[k]`` (w,) in the columns ``columns[k]``."""
     from scipy.sparse import csr_array
 
@@ -303,7 +300,7 @@ def matrix_of_rows(weights: Floats, columns: Ints, count: int) -> csr_array:
     return csr_array((weights.ravel(), columns.ravel(), starts), shape=(n, count))
 
 
-def scatter_matrix(rows: Ints, count: int) -> csr_array:
+def scatter_matrix(rows: Ints, count: int) -> SparseMatrix:
     """Return the matrix (count, k) that adds the entries of a vector (k,) to the ``rows`` (k,) of a vector (count,)."""
     from scipy.sparse import csr_array
 

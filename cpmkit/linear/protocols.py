@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
-from cpmkit.types import Floats, Ints, Progress, no_progress
+from cpmkit.types import Floats, Ints, Progress, SparseMatrix, no_progress
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from cpmkit.linear.residuals import SolveReport
 
 
@@ -38,7 +36,7 @@ class Operator(Protocol):
     def apply_rows(self, u: Floats, rows: Ints, /) -> Floats:
         """Return the entries ``rows`` (r,) of A u, (r,) or (r, channels)."""
 
-    def to_csr(self) -> csr_array:
+    def to_csr(self) -> SparseMatrix:
         """Return the operator as one sparse matrix (n, n)."""
 
     def pieces(self) -> tuple[int, Ints]:

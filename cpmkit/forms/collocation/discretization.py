@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,10 +28,7 @@ from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.laws import Interface, Law
 from cpmkit.scene.scene import Scene
-from cpmkit.types import SIDES, Floats, Ints, Progress, no_progress
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import SIDES, Floats, Ints, Progress, SparseMatrix, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,18 +38,18 @@ class Discretization:
     layout: Layout  #: Lattice, band, boundaries and ghosts.
     #: (rows, unknowns): E, with a row for each node of the band and then for each ghost. Its arrays are read-only, as
     #: operators share them.
-    extension: csr_array
+    extension: SparseMatrix
     data: Sequence[BoundaryData]  #: Terms that are added to E u.
     #: (unknowns, 2 d) int, read-only: rows of E that the difference stencil of each unknown reads, in the order of
     #: :func:`cpmkit.grid.stencils.cross_offsets`.
     neighbours: Ints
 
     @cached_property
-    def differences(self) -> csr_array:
+    def differences(self) -> SparseMatrix:
         """N (unknowns, rows), with ones at the difference neighbours: L = (N - 2 d I) / spacing^2; read-only."""
         return self.weighted_differences(np.ones(self.neighbours.size))
 
-    def weighted_differences(self, weights: Floats) -> csr_array:
+    def weighted_differences(self, weights: Floats) -> SparseMatrix:
         """Return the read-only matrix (unknowns, rows) with ``weights``, 2 d a row, at the difference neighbours."""
         return read_only(matrix_of_rows(weights, self.neighbours, self.extension.shape[0]))
 
@@ -99,7 +96,7 @@ class Discretization:
         points = [self.layout.lattice.to_scene(formula.points) for formula in formulas]
         return np.concatenate([evaluate_data(data, at, channels, label) for at in points])
 
-    def read_in_place_of(self, law: type[Law]) -> csr_array:
+    def read_in_place_of(self, law: type[Law]) -> SparseMatrix:
         """Return the matrix (rows, unknowns) that reads u where rows have data of a ``law``, times the data's factors.
 
         Added to E with a factor lambda, it replaces these data by lambda u.
@@ -114,7 +111,7 @@ class Discretization:
                 matrix = matrix + diags_array(factor) @ self.read_at_datum(datum)
         return csr_array(matrix)
 
-    def read_at_datum(self, datum: BoundaryData) -> csr_array:
+    def read_at_datum(self, datum: BoundaryData) -> SparseMatrix:
         """Return the matrix (rows, unknowns) that, in a datum's rows, interpolates u at its points.
 
         Each row reads from the side that it continues; all other rows are zero.
@@ -124,7 +121,9 @@ class Discretization:
         centres = row_centres(self.layout).take(rows)
         if self.layout.band.sheets is not None:
             centres = replace(centres, feet=self.layout.surface.closest_point(points), normals=None)
-        matrix: csr_array = scatter_matrix(rows, self.unknowns.rows) @ extension_matrix(self.unknowns, points, centres)
+        matrix: SparseMatrix = scatter_matrix(rows, self.unknowns.rows) @ extension_matrix(
+            self.unknowns, points, centres
+        )
         return matrix
 
 
@@ -152,7 +151,7 @@ def tabulate(layout: Layout, progress: Progress = no_progress) -> Discretization
     return Discretization(layout, read_only(extension), data, neighbours)
 
 
-def read_only(matrix: csr_array) -> csr_array:
+def read_only(matrix: SparseMatrix) -> SparseMatrix:
     """Return ``matrix``, one of the tables, after making its arrays read-only.
 
     SciPy sorts the indices of an operand in place where it needs them sorted (``abs`` does): a matrix that shares the

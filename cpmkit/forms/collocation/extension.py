@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,10 +18,7 @@ from cpmkit.grid.band import stencil_nodes
 from cpmkit.grid.stencils import stencil_cells, tensor_weights
 from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.types import Floats, Progress, no_progress
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Progress, SparseMatrix, no_progress
 
 #: Number of rows that are built at a time, so that their memory is small compared with the matrix.
 EXTENSION_CHUNK_ROWS = 16384
@@ -34,7 +30,7 @@ def extension_matrix(
     centres: Centres,
     coefficient: Floats | None = None,
     progress: Progress = no_progress,
-) -> csr_array:
+) -> SparseMatrix:
     """Return the matrix (n, unknowns) that interpolates the unknowns at ``points`` of the manifold.
 
     ``unknowns``: unknowns of the band that is interpolated in.
@@ -61,7 +57,9 @@ def extension_matrix(
     return matrix_of_rows(weights, columns, unknowns.count)
 
 
-def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_array, Sequence[BoundaryData], Centres]:
+def extend_rows(
+    layout: Layout, progress: Progress = no_progress
+) -> tuple[SparseMatrix, Sequence[BoundaryData], Centres]:
     """Return E (rows, unknowns), the boundary data added to E u, and the stencils' centres, of all rows of a layout.
 
     ``progress`` is called with the stage "tables" and the share of it that is done.

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,10 +26,7 @@ from cpmkit.linear.operators import connected_unknowns
 from cpmkit.linear.protocols import Operator
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms, VectorField
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: Central differences oscillate where the ratio of advection over one spacing to diffusion is larger than this.
 MOST_CELL_PECLET = 2.0
@@ -39,8 +36,8 @@ MOST_CELL_PECLET = 2.0
 class ExtensionOperator:
     """The operator ``A u = diagonal u - scale W E u``, with E and W stored separately."""
 
-    extension: csr_array  #: (rows, n): the extension matrix E.
-    differences: csr_array  #: (n, rows): W, the weights of the difference neighbours.
+    extension: SparseMatrix  #: (rows, n): the extension matrix E.
+    differences: SparseMatrix  #: (n, rows): W, the weights of the difference neighbours.
     diagonal: float | Floats  #: float or (n, 1) float64: the diagonal of c I - diag(L).
     scale: float  #: Factor of W, often ``1 / spacing^2``.
 
@@ -92,12 +89,12 @@ class ExtensionOperator:
         """Return ``scale W datum`` (n, channels), the right-hand side of a datum (rows, channels) added to E u."""
         return np.asarray(self.scale * (self.differences @ datum))
 
-    def to_csr(self) -> csr_array:
+    def to_csr(self) -> SparseMatrix:
         """Return A as one sparse matrix (n, n)."""
         from scipy.sparse import diags_array
 
         diagonal = np.broadcast_to(np.ravel(self.diagonal), self.size)
-        matrix: csr_array = (diags_array(diagonal) - (self.differences @ self.extension) * self.scale).tocsr()
+        matrix: SparseMatrix = (diags_array(diagonal) - (self.differences @ self.extension) * self.scale).tocsr()
         return matrix
 
     def pieces(self) -> tuple[int, Ints]:
@@ -127,12 +124,12 @@ class BoundaryMass:
     """
 
     operator: ExtensionOperator  #: A, whose W and scale are used.
-    reads: csr_array  #: (rows, n): S, which interpolates u at y and multiplies by the ghost's factor s.
+    reads: SparseMatrix  #: (rows, n): S, which interpolates u at y and multiplies by the ghost's factor s.
 
     @cached_property
-    def matrix(self) -> csr_array:
+    def matrix(self) -> SparseMatrix:
         """B as one sparse matrix (n, n)."""
-        matrix: csr_array = (self.operator.scale * (self.operator.differences @ self.reads)).tocsr()
+        matrix: SparseMatrix = (self.operator.scale * (self.operator.differences @ self.reads)).tocsr()
         return matrix
 
     def apply(self, u: Floats) -> Floats:

@@ -39,11 +39,9 @@ from cpmkit.scene.edge_conditions import parts_of_edge
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Ints, Progress, no_progress
+from cpmkit.types import Floats, Ints, Progress, SparseMatrix, no_progress
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from cpmkit.linear.residuals import SolveReport
 
 #: Number of times that initial ghosts are set by their formulas: near the boundary these read further ghosts.
@@ -225,7 +223,7 @@ class Collocation(Reader):
         border = super().free_constants(stiffness)
         return None if border is None else with_smooth_means(self.tables, border)
 
-    def means_without_flux(self) -> csr_array | None:
+    def means_without_flux(self) -> SparseMatrix | None:
         """Return the means (k, n) over the k components that no flux leaves; None at order 1, or without any."""
         if self.tables.layout.order == 1:
             return None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,11 +20,7 @@ from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.laws import Interface, Value
 from cpmkit.scene.point_values import small_boundary_warnings
 from cpmkit.scene.scene import Scene
-from cpmkit.types import SIDES, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
+from cpmkit.types import SIDES, Ints, SparseMatrix
 
 #: A curve is resolved at a spacing of this share of its extent.
 RESOLVED_EXTENT_SHARE = 0.25
@@ -56,7 +51,7 @@ def check_layout(layout: Layout, scene: Scene) -> None:
     _check_conductivities(scene, layout)
 
 
-def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None:
+def check_effect(layout: Layout, extension: SparseMatrix, neighbours: Ints) -> None:
     """Raise ResolutionError if no node reads the ghosts of a boundary, which then has no effect.
 
     ``extension`` (rows, unknowns) is E, ``neighbours`` (unknowns, 2 d) the rows that difference stencils read. A

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,10 +20,7 @@ from cpmkit.linear.operators import Border, Bordered
 from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: Nodes farther past an end than this many spacings have weight zero.
 TAIL_SPACINGS = 2.0
@@ -122,7 +119,7 @@ def _tail(beyond: Floats) -> Floats:
     return np.where(beyond < 1.0, first, np.where(beyond < TAIL_SPACINGS, 0.5 - t - first, 0.0))
 
 
-def means_over(tables: Discretization, count: int, component: Ints) -> tuple[csr_array, Ints, Ints]:
+def means_over(tables: Discretization, count: int, component: Ints) -> tuple[SparseMatrix, Ints, Ints]:
     """Return the matrix (count, n) of means over components, the unknowns (m,) on them, and their components (m,).
 
     ``component`` (n,) is that of each unknown, from 0 to ``count`` - 1, or -1 for unknowns on none.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +12,7 @@ from cpmkit.errors import ResolutionError, place
 from cpmkit.forms.collocation.discretization import Discretization, read_only
 from cpmkit.forms.collocation.row_formula import BoundaryData
 from cpmkit.scene.laws import Flux, Mixed, Nonlinear
-from cpmkit.types import Floats
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, SparseMatrix
 
 #: A flux fixes no constant if its slope times the row's factor is below this.
 LEAST_FLUX_SLOPE = 1e-9
@@ -33,8 +29,8 @@ class FluxRows:
     law: Nonlinear  #: The law of the flux.
     datum: BoundaryData  #: The rows, their factors F, and the points where u is read.
     #: (rows, unknowns): interpolates u at the boundary, in each row from the side that the row continues.
-    reads: csr_array
-    rest: csr_array  #: (rows, unknowns): R; in rows that read several points, equal to ``reads``.
+    reads: SparseMatrix
+    rest: SparseMatrix  #: (rows, unknowns): R; in rows that read several points, equal to ``reads``.
     half: Floats  #: (k,): F0 / F: 1/2 at order 2, 1 at order 1, and 0 for rows that read several points.
 
     @property

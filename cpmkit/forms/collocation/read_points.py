@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,11 +24,7 @@ from cpmkit.scene.boundary import boundary_number, named_sides
 from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
-from cpmkit.types import SIDES, Bools, Floats, Ints, Side, Sides
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
+from cpmkit.types import SIDES, Bools, Floats, Ints, Side, Sides, SparseMatrix
 
 #: Points nearer to a boundary than this many spacings are read from the side given by the caller.
 READ_FROM_SIDE_SPACINGS = 1e-3
@@ -52,7 +48,7 @@ class Reader(Discretized):
         band = self.tables.layout.band
         return reading_radius(band.dim, band.degree) * band.spacing
 
-    def rows(self, points: Any, side: Sides = None) -> csr_array:
+    def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, unknowns) that interpolates at the manifold's points nearest to ``points`` (k, d).
 
         Points on a boundary are read from its ``side``, for all or by name. Raises as :meth:`checked_closest_points`.

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,10 +30,7 @@ from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.runtime.compilation import compiled
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations import VectorField
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: tau is at most h / |v| over the first number, and h^2 / a over the second. On a circle cut at a point, with a layer
 #: at the cut, at cell numbers of 10 to 1000 and six positions nothing exceeds its range; with h / (4 |v|) alone 3.3 %,
@@ -169,7 +166,7 @@ class Advection:
     gradient_of_a: Floats  #: (q, d) or (0, d): the gradient of a; empty where a is constant.
     conservative: bool  #: Whether the equation has div(v u) in place of v . grad u.
 
-    def add_to(self, matrix: csr_array, stabilisation: Stabilisation) -> csr_array:
+    def add_to(self, matrix: SparseMatrix, stabilisation: Stabilisation) -> SparseMatrix:
         """Return a stiffness ``matrix`` (n, n) plus the terms of the velocity and the ``stabilisation`` they need."""
         space, data = self.space, matrix.data.copy()
         speed = np.linalg.norm(self.velocity, axis=1)
@@ -225,7 +222,7 @@ def _add_terms(
     add_advection(*kernel_arguments(space), *sample_arrays, *coefficients, zero if c is None else c, *advection, matrix)
 
 
-def convection_matrix(space: SplineSpace, field: Floats) -> csr_array:
+def convection_matrix(space: SplineSpace, field: Floats) -> SparseMatrix:
     """Return the matrix (n, n) of sum w u (field . grad v); ``field`` (p, d) is at the first p samples, else zero."""
     data, velocity = np.zeros(len(space.indices)), np.zeros(space.samples.places.shape)
     velocity[: len(field)] = field

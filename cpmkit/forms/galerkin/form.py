@@ -44,11 +44,9 @@ from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.data import Data, Functional
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Ints, Side, Sides
+from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from cpmkit.linear.residuals import SolveReport
 
 #: Data are not resolved if their projection differs by more than this share of their range: they have jumps or spikes.
@@ -130,7 +128,7 @@ class Galerkin(EquationAssembly, Discretized):
         """M, the integrals of products of functions; singular, as some splines are zero at all samples."""
         return self.space.mass
 
-    def weighted_mass(self, values: Floats) -> csr_array:
+    def weighted_mass(self, values: Floats) -> SparseMatrix:
         """Return the integrals (n, n) of c u v, with the ``values`` (p,) of c at the samples.
 
         Raises SceneError if singular functions are among the unknowns.
@@ -239,7 +237,7 @@ class Galerkin(EquationAssembly, Discretized):
         """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
         return np.asarray(u.T @ self.mass.apply(v) / self.sampled.samples.weights.sum())
 
-    def rows(self, points: Any, side: Sides = None) -> csr_array:
+    def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, n) that evaluates u on ``side`` at the points of the manifold nearest to ``points``."""
         return self.coefficients.rows(points, side)
 

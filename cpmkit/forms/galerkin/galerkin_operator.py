@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +15,7 @@ from cpmkit.linear.operators import CsrOperator
 from cpmkit.linear.protocols import Operator
 from cpmkit.scene.laws import Interface, Spectral
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, SparseMatrix
 
 #: Levels are made while k h of the level is at most the first number, 6.3 nodes a wavelength, and the first level while
 #: it is at most the second. On spheres and tori of 20 to 90 thousand unknowns iterations are 15 to 18 up to 1, as
@@ -79,7 +76,7 @@ class GalerkinOperator(CsrOperator):
 
 
 def build_operator(
-    matrix: csr_array, conditions: ConditionTerms, a: Floats, c: Floats | None, advection: Advection | None = None
+    matrix: SparseMatrix, conditions: ConditionTerms, a: Floats, c: Floats | None, advection: Advection | None = None
 ) -> GalerkinOperator:
     """Return the operator of a ``matrix`` (n, n), with its properties from the coefficients of the equation.
 

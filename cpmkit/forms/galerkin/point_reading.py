@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -24,10 +24,7 @@ from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.boundary import Boundary, boundary_number, named_sides
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Ints, Side, Sides
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
 
 #: Points farther from the manifold than so many spacings are refused: another part of it may be meant.
 READING_SPACINGS = 3.0
@@ -82,7 +79,7 @@ class PointReader:
         parts = sampled.samples, self.space.dof_map, sides, sampled.oriented, sheets
         return PatchLocator(sampled.lattice, *parts, sampled.mesh)
 
-    def rows(self, points: Any, side: Sides = None) -> csr_array:
+    def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, n) that evaluates u on ``side`` at the points of the manifold nearest to ``points``."""
         feet, patch, cells = self._located(points, side)
         return self.space.value_rows(patch, feet.points, cells)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.compilation import compiled
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: Two vertices are the same if they are nearer than this share of the mesh's size.
 SAME_SIZE_SHARE = 1e-12
@@ -63,7 +60,7 @@ class SheetSeparation:
         return cKDTree(self.mesh.vertices)
 
     @cached_property
-    def _vertex_graph(self) -> csr_array:
+    def _vertex_graph(self) -> SparseMatrix:
         """(v, v) adjacency matrix of the vertices, with an entry for each two that share an edge."""
         from scipy.sparse import coo_array
 

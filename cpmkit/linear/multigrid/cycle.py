@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,11 +16,7 @@ from cpmkit.linear.multigrid.smoothers import MAX_BLOCK_UNKNOWNS, Chebyshev, Gau
 from cpmkit.linear.operators import with_diagonal
 from cpmkit.linear.residuals import IndefiniteError
 from cpmkit.runtime.memory import release_memory
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: Factor of the estimate of the largest eigenvalue, which is a lower bound.
 EIGENVALUE_MARGIN = 1.1
@@ -33,10 +29,10 @@ class Level:
     """One step from a finer level to the next coarser level; a form returns them from the finest on."""
 
     #: (n, m): P, from m coarser unknowns to the n finer unknowns; coarser operators are P' A P + ``added``.
-    prolongation: csr_array
+    prolongation: SparseMatrix
     strip: Ints  #: (k,): the finer level's unknowns near conditions, which a smoother solves for exactly.
     #: csr_array (m, m): a further part of the coarser operator, such as the upwinding that its spacing needs.
-    added: csr_array | None = None
+    added: SparseMatrix | None = None
     #: (r, k): lines of coarser unknowns whose differences of order k - 1 are stabilised: splines that hardly touch the
     #: manifold have entries so small that rounding determines their sign.
     lines: Ints | None = None
@@ -72,7 +68,7 @@ class Cycle:
 
 
 def build_cycle(
-    matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: bool = False, is_rounded: bool = True
+    matrix: SparseMatrix, levels: Sequence[Level], piece: Ints, waves: bool = False, is_rounded: bool = True
 ) -> Cycle:
     """Return the V cycle of a symmetric matrix. Raises IndefiniteError if an eigenvalue has the wrong sign.
 
@@ -113,7 +109,7 @@ def build_cycle(
     return Cycle(smoothers, prolongations, coarsest, kind is np.float32)
 
 
-def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> Cycle:
+def build_schwarz_cycle(matrix: SparseMatrix, levels: Sequence[Level]) -> Cycle:
     """Return the cycle of a matrix with advection, down to a level that fits into one block, or to the last level.
 
     From the coarsest level on, a correction is prolonged to the next finer level and followed by a step there.
@@ -131,7 +127,7 @@ def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> Cycle:
     return Cycle([Schwarz.from_matrix(each) for each in matrices], prolongations, coarsest, False)
 
 
-def stabilise_lines(matrix: csr_array, lines: Ints) -> csr_array:
+def stabilise_lines(matrix: SparseMatrix, lines: Ints) -> SparseMatrix:
     """Return a coarser matrix plus a small penalty on differences of order k - 1 of the unknowns ``lines`` (r, k)."""
     from scipy.sparse import csr_array
 
@@ -143,7 +139,7 @@ def stabilise_lines(matrix: csr_array, lines: Ints) -> csr_array:
     return (matrix + rows.T @ rows).tocsr()
 
 
-def _smoother(matrix: csr_array, strip: Ints, waves: bool, kind: Any, sweeps: int) -> Smoother:
+def _smoother(matrix: SparseMatrix, strip: Ints, waves: bool, kind: Any, sweeps: int) -> Smoother:
     """Return the smoother of a level, with entries of the type ``kind``, which solves exactly for the ``strip`` (k,).
 
     ``sweeps`` is the number of Gauss-Seidel sweeps; for ``waves``, or where products use all threads, it is Chebyshev's

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr
 from cpmkit.linear.direct import factorize_matrix
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: Chebyshev's iteration damps eigenvalues of D^-1 A above this share of the largest; coarser levels damp the others.
 #: Spheres take 19 to 21 iterations with 1/8 and 16 to 19 with 1/16; scenes with conditions take no fewer with less.
@@ -152,7 +149,7 @@ class Schwarz:
     1999).
     """
 
-    matrix: csr_array  #: (n, n): A, whose sparsity pattern is symmetric.
+    matrix: SparseMatrix  #: (n, n): A, whose sparsity pattern is symmetric.
     #: sequence of (own, unknowns, factors): for each block its own unknowns (m,), these and their neighbours (k,), both
     #: ascending, and SuperLU's factors of the rows and columns of ``unknowns``. Each unknown is an own unknown of one
     #: block.
@@ -160,7 +157,7 @@ class Schwarz:
     products: int = 1
 
     @classmethod
-    def from_matrix(cls, matrix: csr_array) -> Schwarz:
+    def from_matrix(cls, matrix: SparseMatrix) -> Schwarz:
         """Return the smoother of a matrix. Raises RuntimeError if a block is singular."""
         blocks = []
         for own in bisect_unknowns(matrix):
@@ -180,7 +177,7 @@ class Schwarz:
         return x
 
 
-def bisect_unknowns(matrix: csr_array) -> list[Ints]:
+def bisect_unknowns(matrix: SparseMatrix) -> list[Ints]:
     """Return the unknowns of ``matrix`` in compact parts (m,) of at most :data:`MAX_BLOCK_UNKNOWNS`, each ascending.
 
     A part is bisected into the first and the second half of a breadth-first search in the graph of the matrix, from an

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,10 +18,7 @@ from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.spline_space import derivative_rows, value_rows
 from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +34,11 @@ class EnrichedSpace(FunctionSpace):
 
     # Evaluation
 
-    def singular_rows(self, points: Floats, cells: Ints) -> csr_array:
+    def singular_rows(self, points: Floats, cells: Ints) -> SparseMatrix:
         """Return the values (k, m) of the psi at ``points`` (k, d), which lie in the mesh ``cells`` (k,)."""
         return self._columns([function.values(points, cells) for function in self.functions], len(points))
 
-    def singular_derivative_rows(self, points: Floats, cells: Ints, directions: Floats) -> csr_array:
+    def singular_derivative_rows(self, points: Floats, cells: Ints, directions: Floats) -> SparseMatrix:
         """Return (k, m) ``directions`` (k, d) times gradients of the psi at ``points`` (k, d) in ``cells`` (k,)."""
         columns = []
         for function in self.functions:
@@ -50,13 +46,13 @@ class EnrichedSpace(FunctionSpace):
             columns.append((rows, np.einsum("kd,kd->k", gradients, directions[rows])))
         return self._columns(columns, len(points))
 
-    def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> csr_array:
+    def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> SparseMatrix:
         """Return the matrix (k, n + m) that evaluates u at ``points`` (k, d) in the given patches and cells (k,)."""
         from scipy.sparse import hstack
 
         return hstack([self.spline_rows(patch, points), self.singular_rows(points, cells)], format="csr")
 
-    def further_gradient_rows(self, points: Floats, cells: Ints) -> Sequence[csr_array]:
+    def further_gradient_rows(self, points: Floats, cells: Ints) -> Sequence[SparseMatrix]:
         """Return d matrices (k, m): derivatives of the psi along each axis at ``points`` (k, d) in ``cells`` (k,)."""
         axes = np.eye(self.dof_map.dim)
         return [self.singular_derivative_rows(points, cells, np.broadcast_to(axis, points.shape)) for axis in axes]
@@ -86,19 +82,19 @@ class EnrichedSpace(FunctionSpace):
         return values
 
     @property
-    def _singular_at_samples(self) -> csr_array:
+    def _singular_at_samples(self) -> SparseMatrix:
         """(p, m) the values of the psi at the samples of the manifold."""
         return self._columns([(rows, psi) for rows, psi, _ in self._sample_values], self.interior)
 
     @property
-    def _singular_gradients_at_samples(self) -> list[csr_array]:
+    def _singular_gradients_at_samples(self) -> list[SparseMatrix]:
         """The d matrices (p, m) with the tangential gradients of the psi at the samples of the manifold."""
         return [
             self._columns([(rows, gradients[:, axis]) for rows, _, gradients in self._sample_values], self.interior)
             for axis in range(self.dof_map.dim)
         ]
 
-    def _columns(self, columns: Sequence[tuple[Ints, Floats]], count: int) -> csr_array:
+    def _columns(self, columns: Sequence[tuple[Ints, Floats]], count: int) -> SparseMatrix:
         """Return the matrix (count, m) with the given rows (k,) and entries (k,) of each column."""
         from scipy.sparse import csc_array
 
@@ -124,11 +120,11 @@ class EnrichedSpace(FunctionSpace):
         singular = sum(rows.T @ weighted[:, axis] for axis, rows in enumerate(self._singular_gradients_at_samples))
         return np.concatenate([super().gradient_load(values), singular])
 
-    def weighted_mass(self, c: Floats) -> csr_array:
+    def weighted_mass(self, c: Floats) -> SparseMatrix:
         """Raise a SceneError: singular functions are not implemented for coupled channels."""
         raise SceneError("tips='singular' takes no channels that are tied to each other; use tips='extended'.")
 
-    def extend_matrix(self, matrix: csr_array, a: Floats | None, c: Floats | None) -> csr_array:
+    def extend_matrix(self, matrix: SparseMatrix, a: Floats | None, c: Floats | None) -> SparseMatrix:
         """Return the ``matrix`` (n, n) of the splines plus the integrals of a grad u . grad v + c u v with the psi.
 
         The result is (n + m, n + m). ``a`` and ``c`` are (q,), at all samples, or (1,); None stands for no such term.

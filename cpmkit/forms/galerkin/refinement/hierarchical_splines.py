@@ -18,17 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap, build_patches, dof_map_from_patches
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.space.levels import two_scale, two_scale_shares
-from cpmkit.types import Bools, Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Bools, Floats, Ints, SparseMatrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +38,7 @@ class LevelSplines:
     inside: Bools  #: (p,): whether each patch is in the region of this level.
     subdivided: Bools  #: (p,): whether each patch is in the region of the next level.
     #: csr_array (n, m): prolongation from the splines of the level before; None for level 0.
-    prolongation: csr_array | None
+    prolongation: SparseMatrix | None
 
     @property
     def candidates(self) -> Bools:
@@ -111,13 +108,13 @@ def _is_subdivided(cells: Ints, inside: Bools, regions: Regions, level: int) -> 
     return inside & is_among(codes_of_cells(cells), regions.subdivided[level])
 
 
-def representations(levels: Sequence[LevelSplines], cap: int) -> list[csr_array]:
+def representations(levels: Sequence[LevelSplines], cap: int) -> list[SparseMatrix]:
     """Return the representations R_l (n_l, n), l = 0 to ``cap``, for the space whose finest level is ``cap``."""
     from scipy.sparse import csr_array, diags_array
 
     actives = [level.candidates if number == cap else level.active for number, level in enumerate(levels[: cap + 1])]
     starts = np.cumsum([0, *(int(active.sum()) for active in actives)])
-    matrices: list[csr_array] = []
+    matrices: list[SparseMatrix] = []
     for level, active, start in zip(levels, actives, starts, strict=False):
         rows: Ints = np.flatnonzero(active)
         entries = np.ones(len(rows)), (rows, start + np.arange(len(rows)))
@@ -128,7 +125,7 @@ def representations(levels: Sequence[LevelSplines], cap: int) -> list[csr_array]
     return matrices
 
 
-def prolongation_to(levels: Sequence[LevelSplines], cap: int, coarser: csr_array) -> csr_array:
+def prolongation_to(levels: Sequence[LevelSplines], cap: int, coarser: SparseMatrix) -> SparseMatrix:
     """Return the prolongation from the space with the finest level ``cap - 1`` to that with the finest level ``cap``.
 
     It is (m, n) for m and n active splines. ``coarser`` is the last of the :func:`representations` of the former space.

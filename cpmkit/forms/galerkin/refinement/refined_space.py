@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,10 +25,7 @@ from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.mesh.cell_quadrature import Samples
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -102,7 +99,7 @@ class RefinedSpace(FunctionSpace):
         return tuple(int(level.active.sum()) for level in self.levels)
 
     @cached_property
-    def representation(self) -> csr_array:
+    def representation(self) -> SparseMatrix:
         """R (N, n), whose columns are the active splines as coefficients of :attr:`splines`."""
         from scipy.sparse import vstack
 
@@ -117,12 +114,12 @@ class RefinedSpace(FunctionSpace):
         """Return R' times ``loads`` (N, k): the loads (n, k) of the active splines."""
         return np.asarray(self.representation.T @ loads)
 
-    def restrict_matrix(self, matrix: csr_array) -> csr_array:
+    def restrict_matrix(self, matrix: SparseMatrix) -> SparseMatrix:
         """Return R' A R (n, n) of a symmetric ``matrix`` A (N, N), symmetric to the last bit."""
         product = (self.representation.T @ (matrix @ self.representation)).tocsr()
         return ((product + product.T) * 0.5).tocsr()
 
-    def restrict_rows(self, rows: csr_array) -> csr_array:
+    def restrict_rows(self, rows: SparseMatrix) -> SparseMatrix:
         """Return ``rows`` R (k, n) from ``rows`` (k, N) that evaluate :attr:`splines`."""
         return (rows @ self.representation).tocsr()
 

@@ -21,11 +21,9 @@ import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import lines_through
 from cpmkit.forms.galerkin.options import Stabilisation
-from cpmkit.types import Floats, Ints
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 
 #: The slice of all samples.
@@ -50,7 +48,7 @@ def stiffness_with_floor(
     stabilisation: Stabilisation,
     c: Floats | float | None = None,
     scale: Floats | None = None,
-) -> csr_array:
+) -> SparseMatrix:
     """Return the matrix (n, n) of sum w (a grad u . grad v + c u v), with stabilisation and floor.
 
     ``space``: the splines and their samples.
@@ -68,7 +66,7 @@ def stiffness_with_floor(
     return space.matrix(data)
 
 
-def mass(space: SplineSpace, c: Floats | float) -> csr_array:
+def mass(space: SplineSpace, c: Floats | float) -> SparseMatrix:
     """Return the mass matrix (n, n), the sum of w c u v over the samples; ``c`` is a number or (q,) at the samples."""
     return space.matrix(energy_data(space, None, c, Stabilisation(0.0, 0.0, 0.0)))
 

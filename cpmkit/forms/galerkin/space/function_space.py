@@ -21,11 +21,9 @@ from cpmkit.linear.krylov import conjugate_gradients
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.runtime.memory import state_without_cached
-from cpmkit.types import Floats, Ints, no_progress
+from cpmkit.types import Floats, Ints, SparseMatrix, no_progress
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
 
 
@@ -89,30 +87,30 @@ class FunctionSpace:
         """Return R' ``loads`` (spline_count, k) from the loads (N, k) of :attr:`splines`."""
         return loads
 
-    def restrict_matrix(self, matrix: csr_array) -> csr_array:
+    def restrict_matrix(self, matrix: SparseMatrix) -> SparseMatrix:
         """Return R' A R (spline_count, spline_count) from a ``matrix`` A (N, N) over :attr:`splines`."""
         return matrix
 
-    def restrict_rows(self, rows: csr_array) -> csr_array:
+    def restrict_rows(self, rows: SparseMatrix) -> SparseMatrix:
         """Return ``rows`` R (k, spline_count) from rows (k, N) that evaluate :attr:`splines`."""
         return rows
 
     # Evaluation
 
-    def spline_rows(self, patch: Ints, points: Floats) -> csr_array:
+    def spline_rows(self, patch: Ints, points: Floats) -> SparseMatrix:
         """Return the matrix (k, spline_count) that evaluates the splines at ``points`` (k, d) in patches (k,)."""
         return self.restrict_rows(value_rows(self.dof_map, patch, points))
 
-    def spline_derivative_rows(self, patch: Ints, points: Floats, directions: Floats) -> csr_array:
+    def spline_derivative_rows(self, patch: Ints, points: Floats, directions: Floats) -> SparseMatrix:
         """Return the matrix (k, spline_count) of spline derivatives along ``directions`` (k, d) at ``points``."""
         return self.restrict_rows(derivative_rows(self.dof_map, patch, points, directions))
 
-    def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> csr_array:
+    def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> SparseMatrix:
         """Return the matrix (k, n) that evaluates u at ``points`` (k, d) in patches (k,) and mesh ``cells`` (k,)."""
         del cells  # used by spaces with functions beside the splines
         return self.spline_rows(patch, points)
 
-    def further_gradient_rows(self, points: Floats, cells: Ints) -> Sequence[csr_array]:
+    def further_gradient_rows(self, points: Floats, cells: Ints) -> Sequence[SparseMatrix]:
         """Return d matrices (k, n - spline_count) that evaluate the gradient of the functions beside the splines.
 
         There is one for each component, at ``points`` (k, d) in mesh ``cells`` (k,); none if there are only splines.
@@ -160,18 +158,18 @@ class FunctionSpace:
         matrix = self.restrict_matrix(energy.mass(self.splines, 1.0))
         return CsrOperator(self.extend_matrix(matrix, None, np.ones(1)), symmetric=True)
 
-    def weighted_mass(self, c: Floats) -> csr_array:
+    def weighted_mass(self, c: Floats) -> SparseMatrix:
         """Return the mass matrix (spline_count, spline_count) of the splines, weighted with ``c`` (q,) at samples."""
         return self.restrict_matrix(energy.mass(self.splines, c))
 
-    def stiffness(self, a: Floats, c: Floats | None, scale: Floats | None = None) -> csr_array:
+    def stiffness(self, a: Floats, c: Floats | None, scale: Floats | None = None) -> SparseMatrix:
         """Return the integrals of a grad u . grad v + c u v over the splines, with stabilisation and floor.
 
         ``a``, ``c`` and ``scale`` as of :func:`cpmkit.forms.galerkin.space.energy.stiffness_with_floor`.
         """
         return self.restrict_matrix(energy.stiffness_with_floor(self.splines, a, self.stabilisation, c, scale))
 
-    def extend_matrix(self, matrix: csr_array, a: Floats | None, c: Floats | None) -> csr_array:
+    def extend_matrix(self, matrix: SparseMatrix, a: Floats | None, c: Floats | None) -> SparseMatrix:
         """Return a ``matrix`` over the splines extended by the functions beside the splines, (n, n).
 
         Its further entries are the integrals of a grad u . grad v + c u v, a and c (q,) or (1,), None for no such term.
@@ -186,7 +184,7 @@ class FunctionSpace:
     # Projection
 
     @cached_property
-    def projection_matrix(self) -> csr_array:
+    def projection_matrix(self) -> SparseMatrix:
         """(n, n) M + h^2 S, positive definite, with S the stabilisation for the diffusivity 1; h_l on a level l.
 
         The mass matrix M alone is singular, for some splines are zero at all samples; S determines them.

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import comb
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +19,7 @@ from cpmkit.forms.galerkin.dof_map import DofMap, dof_map_from_patches, piece_ex
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.index_sets import connected_components
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 
 @compiled
@@ -103,7 +100,7 @@ def _add_to_row(columns: Any, weights: Any, begin: int, used: int, column: int, 
 ISOLATED_CELLS = 2
 
 
-def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
+def coarsen(dof_map: DofMap) -> tuple[DofMap, SparseMatrix]:
     """Return the dof map of the lattice of twice the spacing, and the prolongation P (n, m) from its unknowns.
 
     A spline of degree p and spacing 2h at node J is the sum of p + 2 splines of spacing h at the nodes from 2J + p // 2

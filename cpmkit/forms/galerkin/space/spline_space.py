@@ -9,17 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap, connected_pieces, lines_through
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.mesh.cell_quadrature import Samples
-from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from cpmkit.types import Floats, Ints, SparseMatrix
 
 
 @cache
@@ -59,7 +56,7 @@ def _evaluate(t: Floats, coefficients: Floats) -> Floats:
     return np.asarray(values + coefficients[0], dtype=np.float64)
 
 
-def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> csr_array:
+def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> SparseMatrix:
     """Return the matrix (k, n) that evaluates u at ``points`` (k, d), each by the splines of its ``patch`` (k,).
 
     A patch is a connected part of the manifold in one lattice cell, and has (degree + 1)^d splines. Points are relative
@@ -72,7 +69,7 @@ def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> csr_array:
     return _patch_rows(dof_map, patch, entries)
 
 
-def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Floats) -> csr_array:
+def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Floats) -> SparseMatrix:
     """Return the matrix (k, n) that evaluates the derivative of u along ``directions`` (k, d) at ``points`` (k, d).
 
     Each point is evaluated by the splines that its ``patch`` (k,) reads.
@@ -98,7 +95,7 @@ def _outer(first: Floats, second: Floats) -> Floats:
     return (first[:, :, None] * second[:, None, :]).reshape(len(first), first.shape[1] * second.shape[1])
 
 
-def _patch_rows(dof_map: DofMap, patch: Ints, entries: Floats) -> csr_array:
+def _patch_rows(dof_map: DofMap, patch: Ints, entries: Floats) -> SparseMatrix:
     """Return the matrix (k, n) with ``entries`` (k, w) in the columns of the unknowns that the patches (k,) read."""
     from scipy.sparse import csr_array
 
@@ -138,7 +135,7 @@ class SplineSpace:
         """Dimension m of the manifold."""
         return self.dof_map.dim - self.samples.codim
 
-    def matrix(self, data: Floats) -> csr_array:
+    def matrix(self, data: Floats) -> SparseMatrix:
         """Return the matrix (n, n) with the entries ``data`` (z,); it shares the arrays of the sparsity pattern."""
         from scipy.sparse import csr_array
 
