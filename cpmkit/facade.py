@@ -14,17 +14,16 @@ from cpmkit.families.coupled import BiharmonicRecord
 from cpmkit.families.quasilinear import QuasilinearRecord
 from cpmkit.plugins import load_plugin
 from cpmkit.runtime.messages import html_table
-from cpmkit.scenefile.look import document_look
+from cpmkit.scene.surface_input import Surface
+from cpmkit.scenefile.look import LookKeywords, SavingKeywords, document_look
 from cpmkit.solution.frames import EvolvedRecord
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord, user_class_of
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from cpmkit.accuracy.error_estimate import ErrorEstimate
     from cpmkit.accuracy.solve_to_target import SolveHistory
-    from cpmkit.scene.surface_input import Surface
-    from cpmkit.scenefile.look import LookKeywords, SavingKeywords
-    from cpmkit.types import Floats
     from cpmkit.view import Picture
     from cpmkit.view.showing import Page
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -23,10 +23,8 @@ from cpmkit.plugin import ClosestPointSource
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points, positive, whole
 from cpmkit.runtime.deprecation import DeprecatedMember
+from cpmkit.scenefile.look import LookKeywords
 from cpmkit.types import Floats
-
-if TYPE_CHECKING:
-    from cpmkit.scenefile.look import LookKeywords
 
 
 @dataclass(frozen=True, eq=False, repr=False)

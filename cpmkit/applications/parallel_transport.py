@@ -14,7 +14,7 @@ at q between the gradient of the distance and a vector transported from p.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -28,10 +28,8 @@ from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, HasNormals, dots, norms, unit
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points, as_vector
+from cpmkit.scenefile.look import LookKeywords
 from cpmkit.types import Floats
-
-if TYPE_CHECKING:
-    from cpmkit.scenefile.look import LookKeywords
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,11 +16,11 @@ from cpmkit.facade import Solution
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.deprecation import DeprecatedMember
+from cpmkit.scenefile.look import LookKeywords
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from cpmkit.accuracy.error_estimate import ErrorEstimate
-    from cpmkit.scenefile.look import LookKeywords
 
 
 @dataclass(frozen=True, eq=False)

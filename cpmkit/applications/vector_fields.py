@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -37,10 +37,8 @@ from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, Mesh, dots, norms, unit, vertex_normals
 from cpmkit.runtime.arrays import as_points, positive
+from cpmkit.scenefile.look import LookKeywords
 from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from cpmkit.scenefile.look import LookKeywords
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from cpmkit.forms.form_records import (
 from cpmkit.forms.free_constants import Imbalance, balanced_solution, free_pieces
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.linear.protocols import Operator, Stiffness
+from cpmkit.linear.residuals import SolveReport
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.deprecation import DeprecatedMember
@@ -40,7 +41,6 @@ from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
 
 if TYPE_CHECKING:
-    from cpmkit.linear.residuals import SolveReport
     from cpmkit.solution.display_mesh import DisplayMesh
 
 

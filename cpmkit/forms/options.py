@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from cpmkit.errors import InputError, shown
+from cpmkit.forms.contract import Discretized
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.options import OPTION_KEY, DeclaredOptions, Option, one_of, option
-
-if TYPE_CHECKING:
-    from cpmkit.forms.contract import Discretized
-
 
 Own = TypeVar("Own", bound=DeclaredOptions)
 #: The value of the option ``form`` that chooses the form that fits the scene.

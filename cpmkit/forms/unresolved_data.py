@@ -7,18 +7,16 @@ Half the mean squared difference of values at two points, as a function of their
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cpmkit.errors import CpmkitError
+from cpmkit.forms.contract import Discretized
 from cpmkit.scene.data import Functional, evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats
-
-if TYPE_CHECKING:
-    from cpmkit.forms.contract import Discretized
 
 #: Points at which data are compared: so many runs of so many consecutive points.
 RUNS, RUN_LENGTH = 24, 128

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,10 +25,7 @@ from cpmkit.linear.krylov import KrylovSolver, conjugate_gradients, gmres, indef
 from cpmkit.linear.operators import as_bordered, without_border
 from cpmkit.linear.protocols import LinearSolver, Operator, PreparedSolver
 from cpmkit.linear.residuals import IndefiniteError
-from cpmkit.types import Floats, Progress
-
-if TYPE_CHECKING:
-    from cpmkit.types import Ints
+from cpmkit.types import Floats, Ints, Progress
 
 #: Iterations after which multigrid would have been faster, and takes over.
 MAX_BEFORE_MULTIGRID = 200

@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -20,16 +20,12 @@ from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_method
 from cpmkit.runtime.messages import install_command
 from cpmkit.saving.mesh_files import MESH_WRITERS, own_mesh, write_vtp
-from cpmkit.scenefile.look import VERTICES, Look, check_one_of
+from cpmkit.scenefile.look import VERTICES, Look, SavingKeywords, check_one_of
 from cpmkit.solution.display_mesh import given_mesh_of
 from cpmkit.solution.frames import EvolvedRecord, frames_of
+from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 from cpmkit.view.pictures import animate, check_film, frame_images
-
-if TYPE_CHECKING:
-    from cpmkit.scenefile.look import SavingKeywords
-    from cpmkit.solution.record import SolutionRecord
-
 
 #: Version of the arrays in a .npz; :func:`cpmkit.load` reads no other.
 FORMAT_VERSION = 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +13,10 @@ from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.runtime.messages import install_command
 from cpmkit.scenefile.look import VERTICES, check_one_of
 from cpmkit.solution.display_mesh import DisplayMesh, given_mesh_of
+from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 from cpmkit.view.colours import as_bytes, make_bar
 from cpmkit.view.drawing import in_space
-
-if TYPE_CHECKING:
-    from cpmkit.solution.record import SolutionRecord
 
 
 def write_vtp(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cpmkit.errors import CpmkitError, InputError
 from cpmkit.files.whole_files import check_place, explain_system_error
@@ -16,14 +16,12 @@ from cpmkit.mesh.mixed_cells import mesh_method
 from cpmkit.saving.export import FILMS, PAGE, check_file, draw_frames, frames_folder, save, write_summary
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.scene.compound_equations import Eigen
+from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.look import VERTICES, OutputRequest, check_links
+from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Progress
 from cpmkit.view import check_picture, picture
 from cpmkit.view.pictures import check_channels
-
-if TYPE_CHECKING:
-    from cpmkit.scene.scene import Scene
-    from cpmkit.solution.record import SolutionRecord
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,11 +18,9 @@ from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.mixed_cells import CutCells, cut_by_distance, mesh_method, refine_mixed_cells, with_corners
 from cpmkit.mesh.normals_of_mesh import vertex_normals
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats, Ints, Side
-
-if TYPE_CHECKING:
-    from cpmkit.scene.scene import Scene
-    from cpmkit.solution.record import SolutionRecord
 
 #: Longest edge in spacings: longer edges are halved, since values are shown linear between vertices.
 LONGEST_EDGE_SPACINGS = 2.0

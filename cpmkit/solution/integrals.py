@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import gamma, pi
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,11 +25,8 @@ from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions, mesh_
 from cpmkit.scene.boundary import boundary_number
 from cpmkit.scene.data import evaluate_data
 from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS, evaluate_on_sides, project_onto_boundaries
+from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats, Ints, Side
-
-if TYPE_CHECKING:
-    from cpmkit.solution.record import SolutionRecord
-
 
 #: An integrand: a number, or a function of points (n, d) and the solution there, (n,) or (n, channels).
 Integrand = float | Callable[[Floats, Floats], Any]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,13 +13,10 @@ from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.mesh import Connectivity
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.display_mesh import DisplayMesh
+from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats, Ints
 from cpmkit.view.camera import Camera, make_camera
 from cpmkit.view.colours import INK, Bar
-
-if TYPE_CHECKING:
-    from cpmkit.solution.record import SolutionRecord
-
 
 #: Number of corners of a disc around a point of a cloud.
 DISC_CORNERS = 8

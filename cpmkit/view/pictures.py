@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -15,19 +15,15 @@ from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import write_png, written_whole
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.messages import install_command
-from cpmkit.scenefile.look import Look
+from cpmkit.scenefile.look import Look, LookKeywords
 from cpmkit.solution.display_mesh import DisplayMesh
-from cpmkit.solution.frames import frames_of
+from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.solution.modes import EigenRecord
+from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 from cpmkit.view.camera import axes_of
 from cpmkit.view.colours import Bar, compose, make_bar, model_width, picture_sheet
 from cpmkit.view.drawing import Drawing, Shapes, arrows, draw, isolines, mesh_edges, outlines
-
-if TYPE_CHECKING:
-    from cpmkit.scenefile.look import LookKeywords
-    from cpmkit.solution.frames import EvolvedRecord
-    from cpmkit.solution.record import SolutionRecord
 
 
 @dataclass(frozen=True)

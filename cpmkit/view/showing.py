@@ -13,23 +13,20 @@ from dataclasses import dataclass, replace
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.scenefile.look import Look
+from cpmkit.scenefile.look import Look, LookKeywords
+from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.frames import EvolvedRecord
 from cpmkit.solution.modes import EigenRecord
+from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 from cpmkit.view.colours import Bar
 from cpmkit.view.drawing import fit_camera, in_space
 from cpmkit.view.pictures import check_look, mode_bar, picture, render, shown_values
-
-if TYPE_CHECKING:
-    from cpmkit.scenefile.look import LookKeywords
-    from cpmkit.solution.display_mesh import DisplayMesh
-    from cpmkit.solution.record import SolutionRecord
 
 
 def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:

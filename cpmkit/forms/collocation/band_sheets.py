@@ -14,18 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.grid.band import Band
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import unit_normals, walk
 from cpmkit.types import Bools, Floats, Ints
-
-if TYPE_CHECKING:
-    from cpmkit.grid.band import Band
-
 
 #: Normals at two points of one sheet have at least this cosine.
 SAME_SHEET_COSINE = -0.4

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.linear.protocols import Operator, Stiffness
+from cpmkit.linear.residuals import SolveReport
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import StateDiffusivity
@@ -40,9 +41,6 @@ from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints, Progress, SparseMatrix, no_progress
-
-if TYPE_CHECKING:
-    from cpmkit.linear.residuals import SolveReport
 
 #: Number of times that initial ghosts are set by their formulas: near the boundary these read further ghosts.
 GHOST_READING_ROUNDS = 3

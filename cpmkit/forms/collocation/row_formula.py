@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.forms.collocation.side_view import SideView
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.laws import Law
 from cpmkit.types import Floats, Ints
-
-if TYPE_CHECKING:
-    from cpmkit.forms.collocation.side_view import SideView
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,18 +11,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.forms.collocation.ghosts.ghosts import Ghosts
+from cpmkit.forms.collocation.side_view import SideView
+from cpmkit.grid.band import Band
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import unit_normals
 from cpmkit.types import Bools, Floats, Ints
-
-if TYPE_CHECKING:
-    from cpmkit.forms.collocation.ghosts.ghosts import Ghosts
-    from cpmkit.forms.collocation.side_view import SideView
-    from cpmkit.grid.band import Band
 
 
 @dataclass(frozen=True, eq=False)

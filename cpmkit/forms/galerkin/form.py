@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import Bordered, CsrOperator
 from cpmkit.linear.protocols import Operator, Stiffness
+from cpmkit.linear.residuals import SolveReport
 from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.meshing.mesh_warnings import NOISE_FACTOR
 from cpmkit.runtime.memory import release_memory
@@ -45,9 +46,6 @@ from cpmkit.scene.data import Data, Functional
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
-
-if TYPE_CHECKING:
-    from cpmkit.linear.residuals import SolveReport
 
 #: Data are not resolved if their projection differs by more than this share of their range: they have jumps or spikes.
 UNRESOLVED_SHARE = 0.1

@@ -15,16 +15,14 @@ grows with refinement and with contrasts of a.
 from __future__ import annotations
 
 from math import comb
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import lines_through
 from cpmkit.forms.galerkin.options import Stabilisation
+from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.types import Floats, Ints, SparseMatrix
-
-if TYPE_CHECKING:
-    from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 
 #: The slice of all samples.
 EVERY_SAMPLE = slice(None)
