@@ -121,7 +121,12 @@ class Solution(SolutionRecord):
 @user_class_of(EigenRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class EigenSolution(Solution, EigenRecord):
-    """The solution of an eigenvalue problem: eigenfunction k is channel k, and is evaluated like any solution."""
+    """The solution of an eigenvalue problem: eigenfunction k is channel k, and is evaluated like any solution.
+
+    Each eigenfunction has unit mean square over the manifold (in the collocation form over the nodes of the band, which
+    is about the same). Its sign is such that the first of its values of nearly the largest size is positive.
+    Eigenfunctions of a multiple eigenvalue are orthogonal.
+    """
 
 
 @user_class_of(QuasilinearRecord)

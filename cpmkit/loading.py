@@ -23,26 +23,14 @@ from cpmkit.types import Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class SavedSolution:
-    """A saved solution without its scene: the mesh with values at its vertices, and the summary.
+    """A saved solution without its scene: the mesh with values at its vertices, and the summary."""
 
-    Attributes
-    ----------
-    points : (v, d) float64
-        Vertices of the display mesh, those on a boundary once for each side. Empty if the surface had no mesh.
-    cells : (m, k) int64
-        Triangles, segments and points of the mesh, by vertex numbers; shorter rows end in -1.
-    values : (v, channels) float64
-        The solution at the vertices.
-    summary : mapping
-        The problem, its cost and its result.
-    arrays : mapping
-        The arrays of the file, such as ``lattice_frames`` and ``lattice_frame_times`` of a problem in time.
-    """
-
+    #: (v, d): vertices of the display mesh, those on a boundary once for each side. Empty if the surface had no mesh.
     points: Floats
-    cells: Ints
-    values: Floats
-    summary: Mapping[str, Any]
+    cells: Ints  #: (m, k): triangles, segments and points of the mesh, by vertex numbers; shorter rows end in -1.
+    values: Floats  #: (v, channels): the solution at the vertices.
+    summary: Mapping[str, Any]  #: The problem, its cost and its result.
+    #: The arrays of the file, such as ``lattice_frames`` and ``lattice_frame_times`` of a problem in time.
     arrays: Mapping[str, Any]
 
     def evaluate(self, *_points: Any, **_side: Any) -> NoReturn:

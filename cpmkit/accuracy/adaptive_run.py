@@ -36,32 +36,17 @@ Purpose = Literal["pilot", "companion", "answer", "correction"]
 
 @dataclass(frozen=True)
 class SolveStep:
-    """One solve on the way to a target.
+    """One solve on the way to a target."""
 
-    Attributes
-    ----------
-    purpose : str
-        ``pilot``: a coarse solve that shows how the error falls and what solves cost; ``companion``: a coarser solution
-        with which the answer is compared; ``answer``; ``correction``: a finer answer, as the estimate of the first was
-        above the tolerance.
-    spacing : float
-        Spacing of the lattice.
-    step : float
-        Step in time; 0 for equations without time.
-    unknowns : int
-        Number of unknowns.
-    seconds : float
-        Duration of the solve.
-    error : float
-        The estimated error, as a share of the range; NaN without a coarser solution to compare with.
-    """
-
+    #: ``pilot``: a coarse solve that shows how the error falls and what solves cost; ``companion``: a coarser solution
+    #: with which the answer is compared; ``answer``; ``correction``: a finer answer, as the estimate of the first was
+    #: above the tolerance.
     purpose: Purpose
-    spacing: float
-    step: float
-    unknowns: int
-    seconds: float
-    error: float
+    spacing: float  #: Spacing of the lattice.
+    step: float  #: Step in time; 0 for equations without time.
+    unknowns: int  #: Number of unknowns.
+    seconds: float  #: Duration of the solve.
+    error: float  #: The estimated error, as a share of the range; NaN without a coarser solution to compare with.
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,44 +22,25 @@ ROUNDING_SHARE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class ErrorEstimate:
-    """An estimate of the error of a solution, or of its eigenvalues.
+    """An estimate of the error of a solution, or of its eigenvalues."""
 
-    Attributes
-    ----------
-    rms, largest : (channels,) float64
-        Root mean square of the error over the manifold, and largest error, as shares of the solution's range; for an
-        eigenvalue problem both are the relative error of each eigenvalue, infinite where a coarser lattice has no
-        matching mode.
-    unit : (channels,) float64
-        The range of the solution, its size where it is constant, or each eigenvalue.
-    in_time : float
-        The part of both that is due to the steps in time.
-    floor : (channels,) float64
-        The error due to the representation of the manifold, at any spacing, as a share; zero (unknown) for eigenvalues.
-    at : (d,) float64
-        The point where the solutions differ most, in the scene's coordinates.
-    slow : str
-        Why the error may fall slowly with the spacing; empty without a reason.
-    solution : SolutionRecord
-        The solution.
-    coarse_solutions : tuple of Solution
-        Solutions at larger spacings with which it was compared, the coarsest last.
-    order : float
-        The order at which errors are assumed to fall from the coarsest solution on.
-    factor : (channels,) float64
-        Factor of errors at points: the largest error over the largest error estimated from the coarse solutions alone.
-    """
-
+    #: (channels,): root mean square of the error over the manifold, as a share of the solution's range; for an
+    #: eigenvalue problem the relative error of each eigenvalue, infinite where a coarser lattice has no matching mode.
     rms: Floats
-    largest: Floats
-    unit: Floats
-    in_time: float
+    largest: Floats  #: (channels,): the largest error, as a share of the range; of eigenvalues the same as ``rms``.
+    unit: Floats  #: (channels,): the range of the solution, its size where it is constant, or each eigenvalue.
+    in_time: float  #: The part of both that is due to the steps in time.
+    #: (channels,): the error due to the representation of the manifold, at any spacing, as a share; zero (unknown) for
+    #: eigenvalues.
     floor: Floats
-    at: Floats
-    slow: str
-    solution: SolutionRecord
+    at: Floats  #: (d,): the point where the solutions differ most, in the scene's coordinates.
+    slow: str  #: Why the error may fall slowly with the spacing; empty without a reason.
+    solution: SolutionRecord  #: The solution.
+    #: Solutions at larger spacings with which it was compared, the coarsest last.
     coarse_solutions: tuple[SolutionRecord, ...]
-    order: float
+    order: float  #: The order at which errors are assumed to fall from the coarsest solution on.
+    #: (channels,): factor of errors at points: the largest error over the largest error estimated from the coarse
+    #: solutions alone.
     factor: Floats
 
     companions = DeprecatedMember("coarse_solutions")

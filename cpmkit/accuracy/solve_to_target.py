@@ -30,36 +30,16 @@ from cpmkit.types import Progress, no_progress
 
 @dataclass(frozen=True)
 class SolveHistory:
-    """The solves by which a target (error, time or memory) was met.
+    """The solves by which a target (error, time or memory) was met."""
 
-    Attributes
-    ----------
-    target : AccuracyTarget
-        The target.
-    status : str
-        ``reached``, ``floor``, ``within`` or ``not reached``.
-    error : float
-        The estimate of the solution's error in the norm of the target.
-    predicted_bytes : float
-        Predicted peak of memory of the last solve.
-    seconds : float
-        Duration of all solves together.
-    steps : tuple of SolveStep
-        All solves, in order.
-    summary : str
-        The result, in a sentence.
-    chosen : str
-        Options that were chosen in addition to the spacing, with the reason; empty without any.
-    """
-
-    target: AccuracyTarget
-    status: Status
-    error: float
-    predicted_bytes: float
-    seconds: float
-    steps: tuple[SolveStep, ...]
-    summary: str
-    chosen: str = ""
+    target: AccuracyTarget  #: The target.
+    status: Status  #: ``reached``, ``floor``, ``within`` or ``not reached``.
+    error: float  #: The estimate of the solution's error in the norm of the target.
+    predicted_bytes: float  #: Predicted peak of memory of the last solve.
+    seconds: float  #: Duration of all solves together.
+    steps: tuple[SolveStep, ...]  #: All solves, in order.
+    summary: str  #: The result, in a sentence.
+    chosen: str = ""  #: Options that were chosen in addition to the spacing, with the reason; empty without any.
 
     told = DeprecatedMember("summary")
     asked = DeprecatedMember("target")

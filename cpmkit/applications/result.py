@@ -97,15 +97,9 @@ def with_arrows(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
-    """The result of an application: read, saved and drawn as a solution.
+    """The result of an application: read, saved and drawn as a solution."""
 
-    Attributes
-    ----------
-    solution : Solution
-        The solution that is read, saved and drawn.
-    """
-
-    solution: Solution
+    solution: Solution  #: The solution that is read, saved and drawn.
 
     def save(self, path: Any) -> None:
         """Write the solution to the file ``path``, with the formats of :meth:`cpmkit.Solution.save`."""

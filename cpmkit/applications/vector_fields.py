@@ -43,18 +43,11 @@ from cpmkit.types import Floats, Ints
 
 @dataclass(frozen=True)
 class Singularity:
-    """A point at which a tangential field has no direction.
+    """A point at which a tangential field has no direction."""
 
-    Attributes
-    ----------
-    place : (3,) float64
-        The centre of the triangle that contains the point.
-    index : int
-        Number of turns of the field along a small circle around the point, positive in the sense of the circle. On a
-        surface that is not orientable the sign is that of the triangle's own orientation.
-    """
-
-    place: Floats
+    place: Floats  #: (3,): the centre of the triangle that contains the point.
+    #: Number of turns of the field along a small circle around the point, positive in the sense of the circle. On a
+    #: surface that is not orientable the sign is that of the triangle's own orientation.
     index: int
 
 

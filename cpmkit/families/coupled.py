@@ -138,15 +138,9 @@ def _levels_for_channels(form: Discretized, stiffness: Operator, channels: int) 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BiharmonicRecord(SolutionRecord):
-    """The solution of a biharmonic problem, with its Laplacian.
+    """The solution of a biharmonic problem, with its Laplacian."""
 
-    Attributes
-    ----------
-    second : (unknowns, channels) float64
-        Lap u at the unknowns.
-    """
-
-    second: Floats
+    second: Floats  #: (unknowns, channels): Lap u at the unknowns.
 
     def laplacian(self, points: Any, side: Sides = None) -> Floats:
         """Return Lap u at ``points``; parameters and shape of :meth:`cpmkit.Solution.evaluate`."""

@@ -32,31 +32,17 @@ MOST_STEPS = {"newton": 60, "lagged": 500}
 
 @dataclass(frozen=True)
 class StepRecord:
-    """One step of the iteration.
+    """One step of the iteration."""
 
-    Attributes
-    ----------
-    change : float
-        The largest change of u in the step, over the range of u.
-    energy : float or None
-        The energy that the solution minimises, where it is known.
-    """
-
-    change: float
-    energy: float | None = None
+    change: float  #: The largest change of u in the step, over the range of u.
+    energy: float | None = None  #: The energy that the solution minimises, where it is known.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class QuasilinearRecord(SolutionRecord):
-    """The solution of an equation whose diffusivity depends on u.
+    """The solution of an equation whose diffusivity depends on u."""
 
-    Attributes
-    ----------
-    history : tuple of StepRecord
-        The steps of the nonlinear iteration.
-    """
-
-    history: tuple[StepRecord, ...] = ()
+    history: tuple[StepRecord, ...] = ()  #: The steps of the nonlinear iteration.
 
 
 @dataclass(frozen=True, eq=False)

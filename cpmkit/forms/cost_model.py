@@ -40,46 +40,26 @@ class Part:
 
 @dataclass(frozen=True)
 class Explanation:
-    """The parts that a solve builds, and their cost.
+    """The parts that a solve builds, and their cost."""
 
-    Attributes
-    ----------
-    parts : tuple of Part
-        The parts in the order in which they are built.
-    left_out : tuple of str
-        Parts that the scene does not require and that are not built.
-    unknowns, bytes : int
-        Size of the system and peak of tables and vectors; after a dry run right to 10 percent and a factor of 2,
-        otherwise to a factor of ``off_by``.
-    closest_point_queries : int or None
-        Number of closest points that are computed, right to 10 percent; None without a dry run.
-    floor : float
-        The error that the representation of the manifold leaves at any spacing, as a share of the solution's range,
-        right to a factor of 3. For a mesh, a cloud or samples it is the source's own estimate; in the form
-        ``collocation`` rounding and noise of closest points add ``6 noise / spacing``.
-    solver : str
-        Name of the linear solver.
-    exact : bool
-        Whether the counts come from a discretisation at the spacing itself.
-    warnings : tuple of str
-        Warnings on the manifold, its rims and boundaries that the solution would give too.
-    seconds : float or None
-        Seconds of a solve on this machine, right to a factor of two; None where they were not requested, or the scene
-        cannot be solved on coarser lattices.
-    off_by : float or None
-        Without a dry run: the factor within which the unknowns are right, and the bytes if the solver is.
-    """
-
-    parts: tuple[Part, ...]
-    left_out: tuple[str, ...]
-    unknowns: int
+    parts: tuple[Part, ...]  #: The parts in the order in which they are built.
+    left_out: tuple[str, ...]  #: Parts that the scene does not require and that are not built.
+    unknowns: int  #: Size of the system; after a dry run right to 10 percent, otherwise to a factor of ``off_by``.
+    #: Number of closest points that are computed, right to 10 percent; None without a dry run.
     closest_point_queries: int | None
-    bytes: int
+    bytes: int  #: Peak of tables and vectors; after a dry run right to a factor of 2, otherwise of ``off_by``.
+    #: The error that the representation of the manifold leaves at any spacing, as a share of the solution's range,
+    #: right to a factor of 3. For a mesh, a cloud or samples it is the source's own estimate; in the form
+    #: ``collocation`` rounding and noise of closest points add ``6 noise / spacing``.
     floor: float
-    solver: str
-    exact: bool
+    solver: str  #: Name of the linear solver.
+    exact: bool  #: Whether the counts come from a discretisation at the spacing itself.
+    #: Warnings on the manifold, its rims and boundaries that the solution would give too.
     warnings: tuple[str, ...] = ()
+    #: Seconds of a solve on this machine, right to a factor of two; None where they were not requested, or the scene
+    #: cannot be solved on coarser lattices.
     seconds: float | None = None
+    #: Without a dry run: the factor within which the unknowns are right, and the bytes if the solver is.
     off_by: float | None = None
 
     told = DeprecatedMember("warnings")

@@ -73,21 +73,11 @@ SECOND_ORDER = Dispersion(resolved=0.6, coarsest=1.0, power=2, waves=0.03, bends
 
 @dataclass(frozen=True)
 class PlainWork:
-    """Measures of work that every form has.
+    """Measures of work that every form has."""
 
-    Attributes
-    ----------
-    unknowns : int
-        Size of the linear system.
-    nonzeros : int
-        Stored entries of the matrix.
-    operator_applications : int
-        Products of the matrix with a vector, all channels counted.
-    """
-
-    unknowns: int
-    nonzeros: int
-    operator_applications: int
+    unknowns: int  #: Size of the linear system.
+    nonzeros: int  #: Stored entries of the matrix.
+    operator_applications: int  #: Products of the matrix with a vector, all channels counted.
 
     def as_dict(self) -> dict[str, Any]:
         """Return all measures by name, as numbers."""
@@ -107,29 +97,16 @@ class MeasuredWork(Protocol):
 
 @dataclass(frozen=True)
 class FormTraits:
-    """Properties of a form, for the equation of its scene, that solvers, families and saved files read.
+    """Properties of a form, for the equation of its scene, that solvers, families and saved files read."""
 
-    Attributes
-    ----------
-    iterative_solver : str
-        The solver of systems too large for a factorisation: "multigrid", "reference", or "direct" if there is none.
-    factorise_up_to : float
-        A factorisation is chosen up to so many times the usual number of unknowns.
-    dispersion : Dispersion
-        Errors of eigenvalues and waves.
-    work_record : type
-        The class of the record that ``work`` returns.
-    higher_degree : int or None
-        A degree that reaches small errors sooner on the scene's manifold, where that is known.
-    libraries : tuple of str
-        Distributions whose versions the summary of a solution lists.
-    """
-
+    #: The solver of systems too large for a factorisation: "multigrid", "reference", or "direct" if there is none.
     iterative_solver: str = "reference"
-    factorise_up_to: float = 1.0
-    dispersion: Dispersion = SECOND_ORDER
-    work_record: type = PlainWork
+    factorise_up_to: float = 1.0  #: A factorisation is chosen up to so many times the usual number of unknowns.
+    dispersion: Dispersion = SECOND_ORDER  #: Errors of eigenvalues and waves.
+    work_record: type = PlainWork  #: The class of the record that ``work`` returns.
+    #: A degree that reaches small errors sooner on the scene's manifold, where that is known.
     higher_degree: int | None = None
+    #: Distributions whose versions the summary of a solution lists.
     libraries: tuple[str, ...] = ("cpmkit", "numpy", "scipy")
 
 

@@ -34,41 +34,24 @@ ROUNDING = 1e-10
 
 @dataclass(frozen=True)
 class Imbalance:
-    """Data that do not balance on a piece of the manifold, or on several together, and the correction.
+    """Data that do not balance on a piece of the manifold, or on several together, and the correction."""
 
-    Attributes
-    ----------
-    of : "data", "mean" or "fluxes"
-        "data": u + constant is a solution on the piece if u is, and the integral of f is not the flux out; ``value``
-        was subtracted from f.
-        "mean": c times the mean of u differs from the mean of f where nothing flows out; u was shifted. "fluxes", in
-        files of earlier versions: a combination of polynomials was added to u so that fluxes balance.
-    value : tuple of float
-        The imbalance of each channel: "data", f less the flux out, per unit of measure; "mean",
-        ``c mean(u) - mean(f)``; "fluxes", the root mean square of the correction of u.
-    size : tuple of float
-        The size that ``value`` is relative to, for each channel: "data", the mean size of f and fluxes; "mean", c times
-        the range of u; "fluxes", the range of u.
-    explained : float
-        The relative imbalance that the spacing alone may cause.
-    near : tuple of float
-        A point of the piece; empty for several pieces together.
-    share : float
-        Share of the nodes that are on the piece.
-    bounded_by : tuple of str
-        Names and sides of the boundaries around the piece.
-    shift : tuple of float
-        Only of "mean": the constant that was added to u on the piece, for each channel.
-    """
-
+    #: "data": u + constant is a solution on the piece if u is, and the integral of f is not the flux out; ``value`` was
+    #: subtracted from f. "mean": c times the mean of u differs from the mean of f where nothing flows out; u was
+    #: shifted. "fluxes", in files of earlier versions: a combination of polynomials was added to u so that fluxes
+    #: balance.
     of: Literal["data", "mean", "fluxes"]
+    #: The imbalance of each channel: "data", f less the flux out, per unit of measure; "mean", ``c mean(u) - mean(f)``;
+    #: "fluxes", the root mean square of the correction of u.
     value: tuple[float, ...]
+    #: The size that ``value`` is relative to, for each channel: "data", the mean size of f and fluxes; "mean", c times
+    #: the range of u; "fluxes", the range of u.
     size: tuple[float, ...]
-    explained: float
-    near: tuple[float, ...] = ()
-    share: float = 1.0
-    bounded_by: tuple[str, ...] = ()
-    shift: tuple[float, ...] = ()
+    explained: float  #: The relative imbalance that the spacing alone may cause.
+    near: tuple[float, ...] = ()  #: A point of the piece; empty for several pieces together.
+    share: float = 1.0  #: Share of the nodes that are on the piece.
+    bounded_by: tuple[str, ...] = ()  #: Names and sides of the boundaries around the piece.
+    shift: tuple[float, ...] = ()  #: Only of "mean": the constant that was added to u on the piece, for each channel.
 
     @property
     def relative(self) -> float:

@@ -66,22 +66,13 @@ class Formulas:
 class Formula(Formulas):
     """Base class of functions that are given by one formula.
 
-    Parameters
-    ----------
-    text : str
-        For example ``"0.5 + 0.5 * sin(x / 20)"``. A power is ``**``, not ``^``. A comparison is 1 or 0. Undefined
-        values, such as ``1/0``, are infinite or NaN.
-    dim : int
-        2 or 3, the number of coordinates that it may use.
-
-    Raises
-    ------
-    SceneError
-        If the text does not parse, is too long, or uses a name or operation that is not available.
+    Raises SceneError if the text does not parse, is too long, or uses a name or operation that is not available.
     """
 
+    #: For example ``"0.5 + 0.5 * sin(x / 20)"``. A power is ``**``, not ``^``. A comparison is 1 or 0. Undefined
+    #: values, such as ``1/0``, are infinite or NaN.
     text: str
-    dim: int = len(COORDINATES)
+    dim: int = len(COORDINATES)  #: 2 or 3, the number of coordinates that it may use.
 
     @property
     def _texts(self) -> tuple[str, ...]:
@@ -140,21 +131,14 @@ class ReactionExpression(Formulas):
     A single channel is also called u. Raises SceneError if there is no formula, or one does not parse, is too long, or
     uses a name or operation that is not available.
 
-    Parameters
-    ----------
-    texts : tuple of str
-        The rates of the channels, for example ``("u1*u2**2 - u1", "-u1*u2**2")``; 100 at most.
-    dim : int
-        2 or 3, the number of coordinates that they may use.
-
     Examples
     --------
     >>> ReactionExpression(("u2 - u1", "x * u1"), 2)(np.array([[1.0, 3.0]]), np.array([[0.5, 0.0]]))
     array([[2. , 0.5]])
     """
 
-    texts: tuple[str, ...]
-    dim: int = len(COORDINATES)
+    texts: tuple[str, ...]  #: The rates of the channels, for example ``("u1*u2**2 - u1", "-u1*u2**2")``; 100 at most.
+    dim: int = len(COORDINATES)  #: 2 or 3, the number of coordinates that they may use.
 
     def __post_init__(self) -> None:
         """Parse the formulas; raise SceneError if they are not 1 to 100 texts or one is not accepted."""
@@ -207,18 +191,11 @@ SELECTIONS = {"minimum": "where(a < b, da, db)", "maximum": "where(a < b, db, da
 
 @dataclass(frozen=True, eq=False)
 class FormulaJets:
-    """Formulas in the same variables, with their first and second derivatives.
+    """Formulas in the same variables, with their first and second derivatives."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the m variables.
-    programs : tuple of Program
-        The rows of the first are the k formulas; the second adds the first derivatives, k for each variable; the third
-        adds the second derivatives, k for each pair of variables (first with first, first with second, ...).
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  #: Names of the m variables.
+    #: The rows of the first are the k formulas; the second adds the first derivatives, k for each variable; the third
+    #: adds the second derivatives, k for each pair of variables (first with first, first with second, ...).
     programs: tuple[Program, ...]
 
     def rows(self, order: int, columns: Floats) -> Floats:

@@ -15,23 +15,12 @@ from cpmkit.types import Floats, Ints, SparseMatrix
 
 @dataclass(frozen=True, eq=False)
 class CsrOperator:
-    """A sparse matrix as an operator, such as the stiffness or mass matrix of a form.
+    """A sparse matrix as an operator, such as the stiffness or mass matrix of a form."""
 
-    Attributes
-    ----------
-    matrix : csr_array (n, n)
-        The matrix.
-    symmetric : bool
-        Whether the matrix is known to be symmetric.
-    indefinite : bool
-        Whether eigenvalues of both signs are expected, as for standing waves.
-    symmetric_pattern : bool
-        Whether an unsymmetric matrix has a symmetric sparsity pattern, and a symmetric part positive but for constants.
-    """
-
-    matrix: SparseMatrix
-    symmetric: bool = False
-    indefinite: bool = False
+    matrix: SparseMatrix  #: (n, n).
+    symmetric: bool = False  #: Whether the matrix is known to be symmetric.
+    indefinite: bool = False  #: Whether eigenvalues of both signs are expected, as for standing waves.
+    #: Whether an unsymmetric matrix has a symmetric sparsity pattern, and a symmetric part positive but for constants.
     symmetric_pattern: bool = False
 
     @property
@@ -133,19 +122,11 @@ class Border:
     With the means W u over the pieces, their indicators B, and the load F of a constant f = 1 on each, the bordered
     system is ``A u + F lambda = b``, ``W u = 0``; lambda is the part of b for which there is no solution. As A B = 0
     and W B = 1, the solution of ``(A + s F W) u = b`` is the same up to its means ``lambda / s``.
-
-    Attributes
-    ----------
-    indicator : csr_array (n, k)
-        B, one at the unknowns of each piece.
-    mean : csr_array (k, n)
-        W, the mean over each piece.
-    load : csr_array (n, k), optional
-        F, in any scale; B if None, as for a form whose mass matrix is the identity.
     """
 
-    indicator: SparseMatrix
-    mean: SparseMatrix
+    indicator: SparseMatrix  #: (n, k): B, one at the unknowns of each piece.
+    mean: SparseMatrix  #: (k, n): W, the mean over each piece.
+    #: (n, k): F, in any scale; B if None, as for a form whose mass matrix is the identity.
     load: SparseMatrix | None = None
 
     @property
@@ -187,17 +168,9 @@ class _DerivedOperator:
 
 @dataclass(frozen=True, eq=False)
 class Bordered(_DerivedOperator):
-    """The operator ``A + s F W``, which is regular where the kernel of A consists of constants on some pieces.
+    """The operator ``A + s F W``, which is regular where the kernel of A consists of constants on some pieces."""
 
-    Attributes
-    ----------
-    operator : Operator
-        A.
-    border : Border
-        F and W.
-    """
-
-    border: Border
+    border: Border  #: F and W.
     symmetric: bool = False  # F W is symmetric only where W is proportional to F'
 
     @property
@@ -230,20 +203,10 @@ class Bordered(_DerivedOperator):
 
 @dataclass(frozen=True, eq=False)
 class ComplexShift(_DerivedOperator):
-    """The operator ``A - i s M`` for complex vectors; one product with A and one with M serve real and imaginary parts.
+    """The operator ``A - i s M`` for complex vectors, A real; real and imaginary parts share products with A and M."""
 
-    Attributes
-    ----------
-    operator : Operator
-        A, real.
-    s : float
-        The shift.
-    mass : Operator, optional
-        M; the identity if None.
-    """
-
-    s: float
-    mass: Operator | None = None
+    s: float  #: The shift.
+    mass: Operator | None = None  #: M; the identity if None.
 
     @property
     def symmetric(self) -> bool:

@@ -141,30 +141,21 @@ class Advice:
     """The accuracy of a source, and warnings about solutions on it.
 
     A source whose parts take long to compute returns a subclass with cached properties in place of these fields.
-
-    Attributes
-    ----------
-    floor : float
-        The error, as a share of the solution's range, that the source alone causes in the form ``collocation``: a
-        mesh, a cloud or samples on a grid represent a smooth manifold only to some accuracy. 0 by default.
-    warnings : tuple of str
-        One sentence for each property that may spoil a solution: merged or doubtful samples, repairs.
-    integral_floor : float, optional
-        The same error in the form ``galerkin``, whose integrals depend less on slopes than closest points off the
-        manifold do. None if it is about ``floor``.
-    closest_point_warnings : tuple of str
-        Further sentences for the form ``collocation``: places, such as creases, near which closest points jump.
-    mesh_for_samples : bool
-        False if the cells of the source's mesh are points, or too many or too distorted for quadrature.
-    foot_count : int, optional
-        Number of feet if they are finitely many points that stand for a manifold: nothing can be integrated over it.
     """
 
+    #: The error, as a share of the solution's range, that the source alone causes in the form ``collocation``: a mesh,
+    #: a cloud or samples on a grid represent a smooth manifold only to some accuracy. 0 by default.
     floor: float = 0.0
+    #: One sentence for each property that may spoil a solution: merged or doubtful samples, repairs.
     warnings: tuple[str, ...] = ()
+    #: The same error in the form ``galerkin``, whose integrals depend less on slopes than closest points off the
+    #: manifold do. None if it is about ``floor``.
     integral_floor: float | None = None
+    #: Further sentences for the form ``collocation``: places, such as creases, near which closest points jump.
     closest_point_warnings: tuple[str, ...] = ()
+    #: False if the cells of the source's mesh are points, or too many or too distorted for quadrature.
     mesh_for_samples: bool = True
+    #: Number of feet if they are finitely many points that stand for a manifold: nothing can be integrated over it.
     foot_count: int | None = None
 
 

@@ -37,29 +37,15 @@ class LocalSource:
 
     A source that can be translated (``HasTranslation``) is translated once and keeps its accuracy far from zero; any
     other is shifted query by query, which rounds coordinates.
-
-    Attributes
-    ----------
-    source : ClosestPointSource
-        Answers the queries.
-    shift : (d,) float64
-        Added to queries and subtracted from answers; zero where the source was translated.
-    queries : Counter
-        ``queries["points"]`` is the number of closest point queries so far.
-    origin : (d,) float64, optional
-        Position of zero in the scene, for messages; by default ``shift``.
-    of : ClosestPointSource, optional
-        The source before translation: the key of caches that hold at every place.
-    noise : float
-        Root mean square of the random error of a foot's coordinate; zero unless measured.
     """
 
-    source: ClosestPointSource
-    shift: Floats
+    source: ClosestPointSource  #: Answers the queries.
+    shift: Floats  #: (d,): added to queries and subtracted from answers; zero where the source was translated.
+    #: ``queries["points"]`` is the number of closest point queries so far.
     queries: Counter[str] = field(default_factory=Counter)
-    origin: Floats | None = None
-    of: ClosestPointSource | None = None
-    noise: float = 0.0
+    origin: Floats | None = None  #: (d,): position of zero in the scene, for messages; by default ``shift``.
+    of: ClosestPointSource | None = None  #: The source before translation: the key of caches that hold at every place.
+    noise: float = 0.0  #: Root mean square of the random error of a foot's coordinate; zero unless measured.
 
     @property
     def dim(self) -> int:

@@ -85,31 +85,17 @@ class Connectivity:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Segments (k = 2) or triangles (k = 3) on the manifold; a facet of a cell is opposite to one of its corners.
+    """Segments (k = 2) or triangles (k = 3) on the manifold; a facet of a cell is opposite to one of its corners."""
 
-    Attributes
-    ----------
-    vertices : (v, d) float64
-        Relative to the lattice's origin, in the scene's unit of length.
-    cells : (m, k) int64
-        The corners of each cell.
-    midpoints : (m, e, d) float64, optional
-        Points of the manifold halfway along the edges of each cell: e = 3 and edge j opposite to corner j for
-        triangles, e = 1 for segments. None where cells are flat.
-    cut : (c, k - 1) int64
-        The facets on boundaries: edges from tail to head along the boundary, or vertices of a curve.
-    owner : (c,) int64
-        The number of the boundary on which each of these facets lies.
-    beyond_tip : (c,) bool
-        Whether the facet continues a boundary past its tip, where u is continuous.
-    """
-
-    vertices: Floats
-    cells: Ints
+    vertices: Floats  #: (v, d): relative to the lattice's origin, in the scene's unit of length.
+    cells: Ints  #: (m, k): the corners of each cell.
+    #: (m, e, d): points of the manifold halfway along the edges of each cell: e = 3 and edge j opposite to corner j for
+    #: triangles, e = 1 for segments. None where cells are flat.
     midpoints: Floats | None
+    #: (c, k - 1): the facets on boundaries: edges from tail to head along the boundary, or vertices of a curve.
     cut: Ints
-    owner: Ints
-    beyond_tip: Bools
+    owner: Ints  #: (c,): the number of the boundary on which each of these facets lies.
+    beyond_tip: Bools  #: (c,): whether the facet continues a boundary past its tip, where u is continuous.
 
     @classmethod
     def of(cls, vertices: Floats, cells: Ints, midpoints: Floats | None = None) -> Mesh:

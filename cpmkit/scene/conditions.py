@@ -37,20 +37,11 @@ class Condition:
 
     A kind of condition is a frozen dataclass of its parameters, which summaries show; two conditions are the same if
     their parameters are. A new kind is one class, wherever it is defined.
-
-    Attributes
-    ----------
-    kind : str
-        Its name in reports, and in scene files.
-    law_kind : type
-        The class of its law; a condition may have the property ``law`` in its place.
-    order : 1 or 2, or None
-        Overrides the discretisation's order for this condition.
     """
 
-    kind: ClassVar[str]
-    law_kind: ClassVar[type]
-    order: int | None = None
+    kind: ClassVar[str]  #: Its name in reports, and in scene files.
+    law_kind: ClassVar[type]  #: The class of its law; a condition may have the property ``law`` in its place.
+    order: int | None = None  #: 1 or 2; overrides the discretisation's order for this condition.
 
     def __post_init__(self) -> None:
         """Replace formulas by functions; raise SceneError if one does not parse, InputError for a wrong order."""

@@ -46,30 +46,14 @@ VectorField = Callable[..., Any] | list[Any] | tuple[Any, ...]
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Terms of a linear equation ``-div(diffusivity grad u) + velocity . grad u + c u = f``.
+    """Terms of a linear equation ``-div(diffusivity grad u) + velocity . grad u + c u = f``."""
 
-    Attributes
-    ----------
-    f : Data
-        Right-hand side.
-    c : number or callable
-        Factor of u.
-    diffusivity : number, (d, d) array or callable
-        Factor of grad u in the flux.
-    velocity : callable or None
-        Velocity that transports u.
-    conservative : bool
-        Whether the advection term is div(velocity u).
-    lumped : bool
-        Whether the matrix of c u is lumped, a diagonal matrix.
-    """
-
-    f: Data = 0.0
-    c: Any = 0.0
-    diffusivity: Any = 1.0
-    velocity: VectorField | None = None
-    conservative: bool = False
-    lumped: bool = False
+    f: Data = 0.0  #: Right-hand side.
+    c: Any = 0.0  #: Factor of u, a number or a function.
+    diffusivity: Any = 1.0  #: Factor of grad u in the flux: a number, a tensor (d, d), or a function.
+    velocity: VectorField | None = None  #: Velocity that transports u.
+    conservative: bool = False  #: Whether the advection term is div(velocity u).
+    lumped: bool = False  #: Whether the matrix of c u is lumped, a diagonal matrix.
 
     def __str__(self) -> str:
         """Return the equation as a formula."""

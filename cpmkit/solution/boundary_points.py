@@ -79,37 +79,19 @@ STEP_SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class BoundaryPoints:
-    """Quadrature points of a boundary, curve by curve, in the direction of each curve.
+    """Quadrature points of a boundary, curve by curve, in the direction of each curve."""
 
-    Attributes
-    ----------
-    source, surface : ClosestPointSource
-        The boundary, and the manifold that contains it.
-    points : (k, d) float64
-        Points of the manifold, in the scene's coordinates.
-    weights : (k,) float64
-        Length of curve that each point represents; 1 where the boundary is points.
-    tangents : (k, d) float64
-        Unit vectors in the direction of the boundary; zero where it is points.
-    conormals : (k, d) float64
-        Unit tangents of the manifold normal to the boundary, to its left if it has sides; zero for points of a surface.
-    curve : (k,) int64
-        Number of the curve of each point, from 0.
-    arc_length : (k,) float64
-        Arc length from the start of the curve; a closed curve starts anywhere.
-    closed : tuple of bool
-        Whether each curve is closed.
-    """
-
-    source: ClosestPointSource
-    surface: ClosestPointSource
-    points: Floats
-    weights: Floats
-    tangents: Floats
+    source: ClosestPointSource  #: The boundary.
+    surface: ClosestPointSource  #: The manifold that contains it.
+    points: Floats  #: (k, d): points of the manifold, in the scene's coordinates.
+    weights: Floats  #: (k,): length of curve that each point represents; 1 where the boundary is points.
+    tangents: Floats  #: (k, d): unit vectors in the direction of the boundary; zero where it is points.
+    #: (k, d): unit tangents of the manifold normal to the boundary, to its left if it has sides; zero for points of a
+    #: surface.
     conormals: Floats
-    curve: Ints
-    arc_length: Floats
-    closed: tuple[bool, ...]
+    curve: Ints  #: (k,): number of the curve of each point, from 0.
+    arc_length: Floats  #: (k,): arc length from the start of the curve; a closed curve starts anywhere.
+    closed: tuple[bool, ...]  #: Whether each curve is closed.
 
     def __len__(self) -> int:
         return len(self.points)

@@ -28,31 +28,18 @@ LONGEST_EDGE_SPACINGS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class DisplayMesh:
-    """A mesh of the surface with the solution at its vertices.
+    """A mesh of the surface with the solution at its vertices."""
 
-    Attributes
-    ----------
-    points : (v, d) float64
-        Vertices, in the scene's unit of length. A vertex on a boundary appears once for each side.
-    cells : (m, k) int64
-        Triangles, segments of a curve, and points; rows with fewer corners than k end in -1.
-    values : (v, channels) float64
-        The solution at the vertices, each on the side that its cells lie on.
-    normals : (v, 3) float64 or None
-        Unit normals of the uncut mesh, so that the cut does not show as a crease; those of points have an arbitrary
-        sign. Zero where there are none; ``None`` in the plane and where there are only segments.
-    original : int
-        Number of vertices of the surface's own mesh, which come first.
-    sides : (v, boundaries) int64, optional
-        1 where a vertex lies on a boundary and has the left value, -1 where it has the right value, 0 off the
-        boundary. ``None`` for a mesh that was not cut by :func:`display_mesh`.
-    """
-
+    #: (v, d): vertices, in the scene's unit of length. A vertex on a boundary appears once for each side.
     points: Floats
-    cells: Ints
-    values: Floats
+    cells: Ints  #: (m, k): triangles, segments of a curve, and points; rows with fewer corners than k end in -1.
+    values: Floats  #: (v, channels): the solution at the vertices, each on the side that its cells lie on.
+    #: (v, 3): unit normals of the uncut mesh, so that the cut does not show as a crease; those of points have an
+    #: arbitrary sign. Zero where there are none; ``None`` in the plane and where there are only segments.
     normals: Floats | None
-    original: int
+    original: int  #: Number of vertices of the surface's own mesh, which come first.
+    #: (v, boundaries): 1 where a vertex lies on a boundary and has the left value, -1 where it has the right value, 0
+    #: off the boundary. ``None`` for a mesh that was not cut by :func:`display_mesh`.
     sides: Ints | None = None
 
     @property

@@ -30,23 +30,14 @@ def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class EvolvedRecord(SolutionRecord):
-    """The solution of a problem in time, at one time; read, saved and drawn as any other.
+    """The solution of a problem in time, at one time; read, saved and drawn as any other."""
 
-    Attributes
-    ----------
-    time : float
-        Time of the solution.
-    steps : int
-        Number of time steps up to that time.
-    energy : (channels,) float64, optional
-        For a wave in a form with symmetric operators: kinetic and elastic energy, minus the work of the load.
-    frames : tuple of EvolvedSolution
-        The solutions at the times in ``frames`` of the equation, in order; they share the discretised scene.
-    """
-
-    time: float = field(kw_only=True)
-    steps: int = field(kw_only=True)
+    time: float = field(kw_only=True)  #: Time of the solution.
+    steps: int = field(kw_only=True)  #: Number of time steps up to that time.
+    #: (channels,): for a wave in a form with symmetric operators: kinetic and elastic energy, minus the work of the
+    #: load.
     energy: Floats | None = field(default=None, kw_only=True)
+    #: The solutions at the times in ``frames`` of the equation, in order; they share the discretised scene.
     frames: tuple[EvolvedRecord, ...] = field(default=(), kw_only=True)
 
     @property

@@ -13,28 +13,18 @@ from cpmkit.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class EigenRecord(SolutionRecord):
-    """The solution of an eigenvalue problem: eigenfunction k is channel k, read like any solution.
-
-    Each eigenfunction has unit mean square over the manifold (in the collocation form over the nodes of the band, which
-    is about the same). Its sign is such that the first of its values of nearly the largest size is positive.
-    Eigenfunctions of a multiple eigenvalue are orthogonal.
-
-    Attributes
-    ----------
-    eigenvalues : (count,) float64
-        Eigenvalues in ascending order; real parts where the discrete operator, which is not symmetric in the
-        collocation form, has a pair of complex eigenvalues.
-    imaginary : (count,) float64
-        Imaginary parts; zero except for such a pair, whose eigenfunctions are the real and the imaginary part.
-    residuals : (count,) float64
-        Relative change (root mean square) of each eigenfunction in one more step of inverse iteration; approximate if a
-        multigrid cycle replaces the step. :func:`cpmkit.estimate_error` estimates the errors of the eigenvalues.
-    """
+    """The solution of an eigenvalue problem: eigenfunction k is channel k, read like any solution."""
 
     has_modes: ClassVar[bool] = True
 
+    #: (count,): eigenvalues in ascending order; real parts where the discrete operator, which is not symmetric in the
+    #: collocation form, has a pair of complex eigenvalues.
     eigenvalues: Floats
+    #: (count,): imaginary parts; zero except for such a pair, whose eigenfunctions are the real and the imaginary part.
     imaginary: Floats
+    #: (count,): relative change (root mean square) of each eigenfunction in one more step of inverse iteration;
+    #: approximate if a multigrid cycle replaces the step. :func:`cpmkit.estimate_error` estimates the errors of the
+    #: eigenvalues.
     residuals: Floats
 
     @property
@@ -86,23 +76,14 @@ NEAR_RESONANCE_ERRORS, AMPLIFYING_ERRORS = 2.0, 20.0
 
 @dataclass(frozen=True)
 class Resonance:
-    """The eigenvalue of a steady operator nearest to zero, and the part of the solution in its modes.
+    """The eigenvalue of a steady operator nearest to zero, and the part of the solution in its modes."""
 
-    Attributes
-    ----------
-    gap : float
-        The discrete eigenvalue of (-div(a grad u) + c u) / a nearest to zero; for standing waves this is an eigenvalue
-        of -Lap minus k^2.
-    error : float
-        Estimated error of the form's eigenvalues there.
-    rms, largest : float
-        Size of the solution's part in the modes of this eigenvalue, as shares of the solution's range.
-    """
-
+    #: The discrete eigenvalue of (-div(a grad u) + c u) / a nearest to zero; for standing waves this is an eigenvalue
+    #: of -Lap minus k^2.
     gap: float
-    error: float
-    rms: float
-    largest: float
+    error: float  #: Estimated error of the form's eigenvalues there.
+    rms: float  #: Root mean square of the solution's part in these modes, as a share of the solution's range.
+    largest: float  #: The largest value of this part, as a share of the range.
 
     @property
     def is_undetermined(self) -> bool:

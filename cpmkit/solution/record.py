@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -34,14 +33,12 @@ def user_class_of(record: type[SolutionRecord]) -> Callable[[UserClass], UserCla
     """Return a class decorator: objects of class ``record`` are then constructed as objects of the decorated class.
 
     The decorated class is derived from ``record`` and adds saving and drawing; families of equations construct records,
-    and cannot import it. Its docstring is continued by that of ``record``, which describes the attributes.
+    and cannot import it.
     """
 
     def register(user_class: UserClass) -> UserClass:
-        """Register ``user_class`` for ``record``, extend its docstring in place, and return it."""
+        """Register ``user_class`` for ``record``, and return it."""
         _user_classes[record] = user_class
-        _, _, details = inspect.cleandoc(record.__doc__ or "").partition("\n\n")
-        user_class.__doc__ = f"{inspect.cleandoc(user_class.__doc__ or '')}\n\n{details}"
         return user_class
 
     return register
@@ -49,44 +46,25 @@ def user_class_of(record: type[SolutionRecord]) -> Callable[[UserClass], UserCla
 
 @dataclass(frozen=True, eq=False)
 class SolutionRecord:
-    """The solution of a scene, by any form.
+    """The solution of a scene, by any form."""
 
-    Attributes
-    ----------
-    discretized : Discretized
-        The discretised scene.
-    values : (unknowns, channels) float64
-        Values of the unknowns.
-    report : SolveReport
-        Solver, iterations and residual.
-    work : MeasuredWork
-        Cost in counts that are the same on every machine.
-    seconds : mapping
-        Wall-clock seconds of each stage.
-    warnings : tuple of str
-        Sentences on possible causes of errors in the solution.
-    imbalances : tuple of Imbalance
-        Data that did not balance, and their correction. There is one "data" for each piece of the manifold on which the
-        solution is determined up to a constant (and has mean zero): the part of the data for which there is no
-        solution. There is one "mean" for each closed piece on which c times the mean of u was set to the mean of f.
-    estimated : ErrorEstimate, optional
-        The estimate of the error if it was requested; False if no estimate is to be made; see :attr:`error`.
-    solve_history : SolveHistory, optional
-        The solves by which a requested error, time or memory was met.
-    resonance : Resonance, optional
-        The eigenvalue of the operator nearest to zero, for steady problems that may have one near it: where c or a
-        condition makes the energy indefinite.
-    """
-
-    discretized: Discretized
-    values: Floats
-    report: SolveReport
-    work: MeasuredWork
-    seconds: Mapping[str, float]
+    discretized: Discretized  #: The discretised scene.
+    values: Floats  #: (unknowns, channels): values of the unknowns.
+    report: SolveReport  #: Solver, iterations and residual.
+    work: MeasuredWork  #: Cost in counts that are the same on every machine.
+    seconds: Mapping[str, float]  #: Wall-clock seconds of each stage.
+    #: Sentences on possible causes of errors in the solution.
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
+    #: Data that did not balance, and their correction. There is one "data" for each piece of the manifold on which the
+    #: solution is determined up to a constant (and has mean zero): the part of the data for which there is no solution.
+    #: There is one "mean" for each closed piece on which c times the mean of u was set to the mean of f.
     imbalances: tuple[Imbalance, ...] = field(default=(), kw_only=True)
+    #: The estimate of the error if it was requested; False if no estimate is to be made; see :attr:`error`.
     estimated: Any = field(default=None, kw_only=True)
+    #: The solves by which a requested error, time or memory was met.
     solve_history: Any = field(default=None, kw_only=True)
+    #: The eigenvalue of the operator nearest to zero, for steady problems that may have one near it: where c or a
+    #: condition makes the energy indefinite.
     resonance: Resonance | None = field(default=None, kw_only=True)
 
     #: Whether the channels are eigenfunctions, an arbitrary basis where eigenvalues are multiple.

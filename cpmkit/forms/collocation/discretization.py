@@ -230,31 +230,15 @@ def _laws(scene: Scene) -> list[tuple[str, Law]]:
 
 @dataclass(frozen=True)
 class Work(PlainWork):
-    """Machine-independent measures of the cost of a solve.
+    """Machine-independent cost of a solve; unknowns are inner nodes and ghosts, matrices are E and N."""
 
-    Attributes
-    ----------
-    unknowns, nonzeros, operator_applications : int
-        As of :class:`PlainWork`: unknowns are inner nodes and ghosts, the matrices E and N.
-    nodes : int
-        Number of nodes of the band, outer nodes included.
-    ghosts : int
-        Number of unknowns that are ghosts.
-    first_order_ghosts : int
-        Number of ghosts of order 1, by request or because their mirror point lies beyond another boundary.
-    closest_point_queries : int
-        Number of closest point queries of the surface and of all boundaries.
-    table_bytes : int
-        Bytes of E, N and the closest point records.
-    queries : mapping
-        The closest point queries of the surface and of each boundary, by name.
-    """
-
-    nodes: int
-    ghosts: int
+    nodes: int  #: Number of nodes of the band, outer nodes included.
+    ghosts: int  #: Number of unknowns that are ghosts.
+    #: Number of ghosts of order 1, by request or because their mirror point lies beyond another boundary.
     first_order_ghosts: int
-    closest_point_queries: int
-    table_bytes: int
+    closest_point_queries: int  #: Number of closest point queries of the surface and of all boundaries.
+    table_bytes: int  #: Bytes of E, N and the closest point records.
+    #: The closest point queries of the surface and of each boundary, by name.
     queries: Mapping[str, int] = field(default_factory=dict)
 
 

@@ -23,30 +23,16 @@ from cpmkit.types import Bools, Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class CutMesh:
-    """A mesh with boundaries along facets of its cells; vertices on boundaries are doubled, one vertex for each side.
+    """A mesh with boundaries along facets of its cells; vertices on boundaries are doubled, one for each side."""
 
-    Attributes
-    ----------
-    mesh : Mesh
-        Triangles of a surface or segments of a curve, in the scene's coordinates.
-    edges : (e, k - 1) int64
-        Facets on boundaries, edges of triangles or ends of segments, once for each cell beside them.
-    owner : (e,) int64
-        The number of the boundary on which each of these facets lies.
-    left : (e,) bool
-        Whether the cell beside the facet is on the left of the boundary.
-    points : mapping of int to (k,) int64
-        The vertices at boundaries that are points of a surface, by the number of the boundary.
-    warnings : tuple of str
-        Warnings of the insertion of boundaries.
-    """
-
-    mesh: Mesh
+    mesh: Mesh  #: Triangles of a surface or segments of a curve, in the scene's coordinates.
+    #: (e, k - 1): facets on boundaries, edges of triangles or ends of segments, once for each cell beside them.
     edges: Ints
-    owner: Ints
-    left: Bools
+    owner: Ints  #: (e,): the number of the boundary on which each of these facets lies.
+    left: Bools  #: (e,): whether the cell beside the facet is on the left of the boundary.
+    #: (k,) each: the vertices at boundaries that are points of a surface, by the number of the boundary.
     points: Mapping[int, Ints]
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...]  #: Warnings of the insertion of boundaries.
 
     #: The name of :attr:`warnings` before.
     told = DeprecatedMember("warnings")
