@@ -55,7 +55,7 @@ def solution_off(name: str) -> tuple[ck.Scene, dict[str, Any], Callable[[Any], f
 
 def averaged() -> AbstractContextManager[object]:
     """Return a context in which normals stay as they were averaged."""
-    return patch("cpmkit_mesh.corner_normals.fit_to_chords", lambda *given: given[3])
+    return patch("cpmkit_mesh.corner_normals.fit_normals_to_chords", lambda *given: given[3])
 
 
 KINDS = {"averages": averaged, "tilted": nullcontext}

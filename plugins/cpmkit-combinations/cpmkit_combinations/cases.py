@@ -35,7 +35,7 @@ def conformance_cases() -> list[ConformanceCase]:
         ConformanceCase("solid", "disc", lambda: solid(of=_circle(2.0))),
         ConformanceCase("solid", "annulus", lambda: solid(of=union(members=[_circle(1.0), _circle(3.0)]))),
         ConformanceCase("solid", "full torus", lambda: solid(of=source("analytic.torus", minor=0.3))),
-        ConformanceCase("tube", "round a circle, a torus", lambda: tube(around=_ring(), radius=0.3), _on_torus),
+        ConformanceCase("tube", "round a circle, a torus", lambda: tube(around=_ring(), radius=0.3), _tube_points),
         ConformanceCase("tube", "round a segment", lambda: tube(around=_rod(3), radius=0.5)),
         ConformanceCase("tube", "both offsets of a circle", lambda: tube(around=_circle(2.0), radius=0.5)),
         ConformanceCase("tube", "offset of a segment, closed", lambda: tube(around=_rod(2), radius=0.5)),
@@ -74,7 +74,7 @@ def _rod(dim: int) -> Any:
     return source("analytic.segment", start=[0.0] * dim, end=[2.0, 1.0, 0.5][:dim])
 
 
-def _on_torus(rng: np.random.Generator, n: int) -> Floats:
+def _tube_points(rng: np.random.Generator, n: int) -> Floats:
     u, v = rng.uniform(0, 2 * np.pi, (2, n))
     around = 1 + 0.3 * np.cos(v)
     return np.stack([around * np.cos(u), around * np.sin(u), 0.3 * np.sin(v)], axis=1)
@@ -142,7 +142,7 @@ def _cap(lowest: float) -> Draw:
     return draw
 
 
-def _select(draw: Draw, keep: Callable[[Floats], Any]) -> Draw:
+def _filter_draw(draw: Draw, keep: Callable[[Floats], Any]) -> Draw:
     """Return a draw of points of another ``draw`` that ``keep`` accepts, at least one in eight."""
 
     def some(rng: np.random.Generator, n: int) -> Floats:
@@ -168,6 +168,6 @@ def _whole_circle(rng: np.random.Generator, n: int) -> Floats:
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-_torus_part = _select(_whole_torus, lambda p: p[:, 0] <= 0.3)
-_cylinder_part = _select(_whole_cylinder, lambda p: p[:, 0] + 0.2 * p[:, 2] <= 0.3)
-_arc = _select(_whole_circle, lambda p: p[:, 0] + p[:, 1] >= 0.2)
+_torus_part = _filter_draw(_whole_torus, lambda p: p[:, 0] <= 0.3)
+_cylinder_part = _filter_draw(_whole_cylinder, lambda p: p[:, 0] + 0.2 * p[:, 2] <= 0.3)
+_arc = _filter_draw(_whole_circle, lambda p: p[:, 0] + p[:, 1] >= 0.2)

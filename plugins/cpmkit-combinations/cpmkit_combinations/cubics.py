@@ -94,19 +94,19 @@ class Cubics:
         segment, s = np.empty(len(x), dtype=np.int64), np.empty(len(x))
         for start in range(0, len(x), CUBIC_BATCH_QUERIES):
             part = slice(start, start + CUBIC_BATCH_QUERIES)
-            segment[part], s[part] = self._nearest(x[part])
+            segment[part], s[part] = self._nearest_in_batch(x[part])
         return segment, s
 
-    def _nearest(self, x: Floats) -> tuple[Ints, Floats]:
-        rows, leaves = self._candidates(x)
-        s, distance = self._descend(x[rows], leaves)
+    def _nearest_in_batch(self, x: Floats) -> tuple[Ints, Floats]:
+        rows, leaves = self._candidate_pairs(x)
+        s, distance = self._foot_parameters(x[rows], leaves)
         first = np.flatnonzero(np.diff(rows, prepend=-1))
         least = np.minimum.reduceat(distance, first) if len(first) else distance
         winners = np.flatnonzero(distance == least[rows])
         winners = winners[np.unique(rows[winners], return_index=True)[1]]
         return leaves[winners], s[winners]
 
-    def _candidates(self, x: Floats) -> tuple[Ints, Ints]:
+    def _candidate_pairs(self, x: Floats) -> tuple[Ints, Ints]:
         """Return pairs (k,), (k,) of a row of ``x`` (n, d), ascending, and a cubic that may be nearest to it."""
         top = self.levels[-1]
         rows = np.repeat(np.arange(len(x)), len(top.start))
@@ -127,7 +127,7 @@ class Cubics:
                 rows, nodes = rows[nodes < below], nodes[nodes < below]
         return rows, nodes
 
-    def _descend(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
+    def _foot_parameters(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         """Return s (n,) of a nearest point to ``x`` (n, d) on the cubics ``segment`` (n,), and the distances (n,).
 
         Newton's method in a bracket around the nearest of a few points finds it.
@@ -157,7 +157,7 @@ class Cubics:
         return s, norms(self.evaluate(segment, s) - x)
 
 
-def hermite(start: Floats, start_tangent: Floats, end: Floats, end_tangent: Floats) -> Floats:
+def hermite_cubics(start: Floats, start_tangent: Floats, end: Floats, end_tangent: Floats) -> Floats:
     """Return coefficients (m, 4, d) of the cubics from ``start`` to ``end`` with the given unit tangents there.
 
     Their speed at both ends is ``2 chord / (1 + cos(angle / 2))`` for the angle between the tangents: an arc of a

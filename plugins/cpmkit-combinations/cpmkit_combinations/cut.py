@@ -12,7 +12,7 @@ from cpmkit_combinations.curve import TracedCurve
 from cpmkit_combinations.level_cut import LevelCut, PositionFunction, plane_distance, position_function
 from cpmkit_combinations.moved import Moved, moved_source
 from cpmkit_combinations.points import PointSet
-from cpmkit_combinations.tracing import trace
+from cpmkit_combinations.tracing import trace_cut
 
 #: Default number of samples along the largest side of a surface, and of a curve.
 SURFACE_RESOLUTION, CURVE_RESOLUTION = 128, 1024
@@ -105,7 +105,7 @@ def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | Non
 
 def find_zero_set(cut: LevelCut) -> TracedCurve | PointSet:
     """Return the zeros of the function of ``cut``: on a surface a traced curve, on a curve a set of points."""
-    return _points(cut) if cut.surface.manifold_dim == 1 else TracedCurve(trace(cut), cut.phi.origin)
+    return _cut_points(cut) if cut.surface.manifold_dim == 1 else TracedCurve(trace_cut(cut), cut.phi.origin)
 
 
 def level_cut(surface: ClosestPointSource, function: Any, label: str, resolution: int | None) -> LevelCut:
@@ -125,7 +125,7 @@ def level_cut(surface: ClosestPointSource, function: Any, label: str, resolution
     return LevelCut(localize(surface, origin), phi, float(np.linalg.norm(sides)), spacing)
 
 
-def _points(cut: LevelCut) -> PointSet:
+def _cut_points(cut: LevelCut) -> PointSet:
     """Return the zeros on a curve, in lexicographic order; raise InputError where the function only touches zero."""
     feet = find_crossings(cut).inside
     _, _, share = cut.directions(feet)

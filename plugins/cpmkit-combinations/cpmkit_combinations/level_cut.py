@@ -172,7 +172,7 @@ class LevelCut:
         dimension = self.surface.manifold_dim
         return dimension == self.surface.dim or self.surface.knows_directions(dimension or 0)
 
-    def project(self, feet: ClosestPoints) -> tuple[ClosestPoints, Bools]:
+    def project_onto_cut(self, feet: ClosestPoints) -> tuple[ClosestPoints, Bools]:
         """Return points of the cut near the manifold's points ``feet``, and (n,) whether the iteration converged.
 
         The secant method along the manifold: phi's slope is that between the last two feet, so neither normals nor the

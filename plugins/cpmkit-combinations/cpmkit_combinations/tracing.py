@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.plugin import Chain, ClosestPoints, Floats, InputError, Ints, dots, link_chains, norms
 from cpmkit_combinations.crossings import find_crossings, select_apart
-from cpmkit_combinations.cubics import Cubics, hermite
+from cpmkit_combinations.cubics import Cubics, hermite_cubics
 from cpmkit_combinations.level_cut import CUT_DIFFERENCE_SHARE, LevelCut
 
 #: Largest distance of linked points of a curve, in spacings; the least is 0.1.
@@ -51,19 +51,19 @@ class Knots:
         following = np.roll(np.arange(len(self.points)), -1)[: None if self.closed else -1]
         starts = slice(None) if self.closed else slice(0, -1)
         p, t = self.points, self.tangents
-        return hermite(p[starts], t[starts], p[following], t[following])
+        return hermite_cubics(p[starts], t[starts], p[following], t[following])
 
 
-def trace(cut: LevelCut) -> list[Knots]:
+def trace_cut(cut: LevelCut) -> list[Knots]:
     """Return the connected pieces of the zero set of ``cut`` on a surface as knots, the longest first.
 
     Raise InputError if there is none, or it cannot be traced: where it branches, touches itself, or is too small for
     the spacing.
     """
     crossings = find_crossings(cut)
-    inside, converged = cut.project(_thin_out(crossings.inside, 0.5 * cut.spacing))
+    inside, converged = cut.project_onto_cut(_thin_out(crossings.inside, 0.5 * cut.spacing))
     inside = inside.take(converged & (inside.edge < 0))
-    inside = inside.take(_far_from(inside.points, crossings.at_edge.points, 0.25 * cut.spacing))
+    inside = inside.take(_rows_far_from(inside.points, crossings.at_edge.points, 0.25 * cut.spacing))
     inside = inside.take(select_apart(inside.points, 0.1 * cut.spacing))
     feet = ClosestPoints.join([inside, crossings.at_edge])
     if not len(inside):
@@ -71,7 +71,7 @@ def trace(cut: LevelCut) -> list[Knots]:
     tangents, conormals, share = cut.directions(feet)
     pieces = link_chains(feet.points, tangents, conormals, LINK_SPACINGS * cut.spacing)
     pieces = _check_chains(cut, feet, share, pieces)
-    knots = [_refine(cut, _space_evenly(cut, feet, tangents, conormals, piece)) for piece in pieces]
+    knots = [_refine_knots(cut, _evenly_spaced_knots(cut, feet, tangents, conormals, piece)) for piece in pieces]
     return sorted(knots, key=lambda piece: -cubics_of(piece).lengths.sum())
 
 
@@ -81,7 +81,7 @@ def _thin_out(feet: ClosestPoints, side: float) -> ClosestPoints:
     return feet.take(np.unique(cells, axis=0, return_index=True)[1])
 
 
-def _far_from(points: Floats, others: Floats, distance: float) -> Ints:
+def _rows_far_from(points: Floats, others: Floats, distance: float) -> Ints:
     from scipy.spatial import cKDTree
 
     if not len(others):
@@ -126,7 +126,9 @@ def _lost_message(cut: LevelCut, point: Floats, branches: bool) -> str:
     )
 
 
-def _space_evenly(cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormals: Floats, piece: Chain) -> Knots:
+def _evenly_spaced_knots(
+    cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormals: Floats, piece: Chain
+) -> Knots:
     """Return knots about ``cut.spacing`` apart on one chain, projected onto the cut, with phi > 0 on the left.
 
     ``tangents`` and ``conormals`` (n, d) are those at ``feet``. Raise InputError if a projection does not converge.
@@ -143,7 +145,7 @@ def _space_evenly(cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormal
     positions = np.linspace(0.0, reached[-1], count + 1)[: -1 if piece.closed else None]
     segment = np.clip(np.searchsorted(reached, positions, side="right") - 1, 0, len(curve.piece) - 1)
     s = np.clip((positions - reached[segment]) / curve.lengths[segment], 0.0, 1.0)
-    even, converged = cut.project(cut.surface.closest_point(curve.evaluate(segment, s)))
+    even, converged = cut.project_onto_cut(cut.surface.closest_point(curve.evaluate(segment, s)))
     if not piece.closed:  # the ends are on the edge already
         ends = feet.take(piece.order[[0, -1]])
         inner = np.arange(1, len(even) - 1)
@@ -165,7 +167,7 @@ def _orient_knots(cut: LevelCut, feet: ClosestPoints, along: Floats, closed: boo
     return Knots(knots.points[::-1], -knots.tangents[::-1], v[::-1], closed)
 
 
-def _refine(cut: LevelCut, knots: Knots) -> Knots:
+def _refine_knots(cut: LevelCut, knots: Knots) -> Knots:
     """Return knots so dense that the cubics between them lie on the cut, except at kinks, and the deviation."""
     tolerance, deviation = TRACING_TOLERANCE_SHARE * cut.size, 0.0
     target = np.arange(len(knots.cubics()))
@@ -174,7 +176,7 @@ def _refine(cut: LevelCut, knots: Knots) -> Knots:
     for k in range(CUBIC_HALVINGS + 1):
         curve = cubics_of(knots)
         middle = curve.evaluate(target, np.full(len(target), 0.5))
-        feet, converged = cut.project(cut.surface.closest_point(middle))
+        feet, converged = cut.project_onto_cut(cut.surface.closest_point(middle))
         off = norms(feet.points - middle)
         far = converged & (off > tolerance)
         failures = np.where(off < SMOOTH_HALVING_SHARE * parent, 0, failures + 1)

@@ -103,23 +103,23 @@ class Trimmed(Wrapper):
         x = as_points(x, self.dim)
         feet = self.of.closest_point(x)
         edge = self.new_edge.numbers_of_whole(feet.edge)
-        away = np.flatnonzero(~self._inside(feet.points))
+        away = np.flatnonzero(~self._is_inside(feet.points))
         points, distance = feet.points.copy(), feet.distance.copy()
         doubtful = np.zeros(len(x), dtype=bool) if feet.doubtful is None else feet.doubtful.copy()
-        points[away], distance[away], edge[away], doubtful[away] = self._feet_beyond(x[away])
+        points[away], distance[away], edge[away], doubtful[away] = self._feet_of_cut_away(x[away])
         part = ClosestPoints(points, distance, edge, feet.element, feet.local, doubtful)
-        return part if feet.element is None and feet.local is None else self._with_elements(part, away)
+        return part if feet.element is None and feet.local is None else self._add_elements(part, away)
 
-    def _inside(self, points: Floats) -> Bools:
+    def _is_inside(self, points: Floats) -> Bools:
         """Return (n,) whether each of ``points`` (n, d) of the whole has trim below minus :attr:`margin`."""
         return np.asarray(self.trim(points) < -self.margin)
 
-    def _with_elements(self, feet: ClosestPoints, rows: Ints) -> ClosestPoints:
+    def _add_elements(self, feet: ClosestPoints, rows: Ints) -> ClosestPoints:
         """Return ``feet`` with ``element`` and ``local`` of the whole's closest points in ``rows``."""
         whole = self.of.closest_point(np.ascontiguousarray(feet.points[rows]))
         return feet.replace_rows(rows, replace(feet.take(rows), element=whole.element, local=whole.local))
 
-    def _feet_beyond(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
+    def _feet_of_cut_away(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
         """Return points (n, d), distances, edge numbers and doubt (n,) of queries ``x`` whose foot is cut away.
 
         Each closest point lies on the new edge or inside the part, where descents from samples lead. Doubt is True
@@ -128,7 +128,7 @@ class Trimmed(Wrapper):
         on_edge = self.new_edge.source.closest_point(x)
         points, distance, doubtful = on_edge.points.copy(), on_edge.distance.copy(), np.zeros(len(x), dtype=bool)
         edge = self.new_edge.numbers(on_edge)
-        starts, left = self._starts(x, on_edge)
+        starts, left = self._descent_starts(x, on_edge)
         for tried in range(TRIMMED_DESCENTS + 1):
             rows = np.flatnonzero(left.any(axis=1))
             if not len(rows):
@@ -137,9 +137,9 @@ class Trimmed(Wrapper):
                 doubtful[rows] = True
                 break
             pick = left[rows].argmax(axis=1)
-            foot, converged = descend(self.of, x[rows], starts[rows, pick], 3 * self.covering)
+            foot, converged = descend_to_foot(self.of, x[rows], starts[rows, pick], 3 * self.covering)
             reached = norms(x[rows] - foot)
-            better = (reached < distance[rows]) & self._inside(foot)
+            better = (reached < distance[rows]) & self._is_inside(foot)
             nearer = rows[better]
             points[nearer], distance[nearer], doubtful[nearer] = foot[better], reached[better], ~converged[better]
             edge[nearer] = self.new_edge.numbers_of_whole(self.of.closest_point(foot[better]).edge)
@@ -150,7 +150,7 @@ class Trimmed(Wrapper):
             left[rows, pick] = False
         return points, distance, edge, doubtful
 
-    def _starts(self, x: Floats, on_edge: ClosestPoints) -> tuple[Floats, Bools]:
+    def _descent_starts(self, x: Floats, on_edge: ClosestPoints) -> tuple[Floats, Bools]:
         """Return points (n, k, d) of the part, and a mask (n, k) of those from which a descent may end nearer.
 
         The first is ``on_edge``, the foot of ``x`` (n, d) on the edge, if the query is seen from it inwards. The others
@@ -188,7 +188,7 @@ class Trimmed(Wrapper):
         if point is None:
             return None
         foot = self.of.closest_point(as_vector(point, self.dim, "left_of")[None]).points
-        return as_vector(point, self.dim, "left_of") if self._inside(foot)[0] else None
+        return as_vector(point, self.dim, "left_of") if self._is_inside(foot)[0] else None
 
     def _interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return (n, ...) ``values`` (value_count, ...), a row for each of the whole's, interpolated at ``feet``."""
@@ -272,7 +272,7 @@ def _samples_of_part(cut: LevelCut) -> ClosestPoints:
     return feet.take(cut.phi(feet.points) <= 0)
 
 
-def descend(of: ClosestPointSource, x: Floats, start: Floats, reach: float) -> tuple[Floats, Bools]:
+def descend_to_foot(of: ClosestPointSource, x: Floats, start: Floats, reach: float) -> tuple[Floats, Bools]:
     """Return points y of ``of`` near ``start`` with x - y normal to it, and a mask (n,) of the converged ones.
 
     Each step replaces y by the closest point of the probe y + share (x - y), which is y itself if x - y is normal, and

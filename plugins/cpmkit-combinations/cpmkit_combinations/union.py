@@ -76,9 +76,9 @@ class Union:
         x = as_points(x, self.dim)
         # An end that lies in another member is as near as this member, up to rounding, and is no edge there.
         tie = 1e-12 * np.abs(self.bounds).max()
-        best = self._of_member(0, self.members[0].closest_point(x))
+        best = self._as_union_records(0, self.members[0].closest_point(x))
         for number, member in enumerate(self.members[1:], 1):
-            feet = self._of_member(number, member.closest_point(x))
+            feet = self._as_union_records(number, member.closest_point(x))
             level = np.abs(feet.distance - best.distance) <= tie
             one_at_edge = (feet.edge >= 0) != (best.edge >= 0)
             nearer = np.flatnonzero(np.where(level & one_at_edge, best.edge >= 0, feet.distance < best.distance))
@@ -90,7 +90,7 @@ class Union:
         """The number added to the edge numbers of each member; at last the limit of all edge numbers."""
         return tuple(np.cumsum([0] + [edge_limit_of(member) for member in self.members]).tolist())
 
-    def _of_member(self, number: int, feet: ClosestPoints) -> ClosestPoints:
+    def _as_union_records(self, number: int, feet: ClosestPoints) -> ClosestPoints:
         """Return the records ``feet`` of member ``number`` as records of the union.
 
         Raise InputError if an edge number reaches the member's limit.
@@ -114,7 +114,7 @@ class Union:
         x, radius = as_points(x, self.dim), positive(radius, "radius")
         answers = [local_minima_of(member, x, radius) for member in self.members]
         rows = np.concatenate([member_rows for member_rows, _ in answers])
-        feet = ClosestPoints.join([self._of_member(number, feet) for number, (_, feet) in enumerate(answers)])
+        feet = ClosestPoints.join([self._as_union_records(number, feet) for number, (_, feet) in enumerate(answers)])
         order = np.lexsort((feet.distance, rows))
         return rows[order], feet.take(order)
 

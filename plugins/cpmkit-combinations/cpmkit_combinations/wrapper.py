@@ -48,14 +48,14 @@ def all_have(ability: Any, sources: tuple[Any, ...]) -> bool:
     return all(isinstance(source, ability) for source in sources)
 
 
-def one_dimension(_ability: Any, sources: tuple[Any, ...]) -> bool:
+def have_one_dimension(_ability: Any, sources: tuple[Any, ...]) -> bool:
     """Return whether all ``sources`` have the same manifold dimension."""
     return len({source.manifold_dim for source in sources}) == 1
 
 
 def all_have_in_one_dimension(ability: Any, sources: tuple[Any, ...]) -> bool:
     """Return whether all ``sources`` have the protocol ``ability`` and the same manifold dimension."""
-    return all_have(ability, sources) and one_dimension(ability, sources)
+    return all_have(ability, sources) and have_one_dimension(ability, sources)
 
 
 def all_have_or_plane(ability: Any, sources: tuple[Any, ...]) -> bool:
@@ -83,7 +83,7 @@ ABILITIES: Mapping[type, PassingRules] = {
     HasLeft: PassingRules(moved=all_have, union=all_have_in_one_dimension, trimmed=all_have, solid=_FILLS),
     HasLocalMinima: PassingRules(
         moved=all_have,
-        union=one_dimension,  # each member has at least its closest point
+        union=have_one_dimension,  # each member has at least its closest point
         trimmed="where a foot of the whole is cut away the nearest may lie on the edge; other sheets are found by "
         "walking",
         solid="a point inside is its own and only foot: a solid has no sheets",

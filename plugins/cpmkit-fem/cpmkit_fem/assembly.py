@@ -46,28 +46,28 @@ def stiffness_and_mass(
     """
     dim = next(k for k in (2, 1) if NODES[k, degree] == faces.shape[1])
     return (
-        _summed(vertices, faces, _shape(dim, degree, diffusivity), diffusivity, True),
-        _summed(vertices, faces, _shape(dim, degree, density), density, False),
+        _assemble(vertices, faces, _basis_at_quadrature(dim, degree, diffusivity), diffusivity, True),
+        _assemble(vertices, faces, _basis_at_quadrature(dim, degree, density), density, False),
     )
 
 
-def mass_over(vertices: Floats, cells: Ints, weight: Floats, manifold_dim: int, degree: int) -> csr_array:
+def weighted_mass(vertices: Floats, cells: Ints, weight: Floats, manifold_dim: int, degree: int) -> csr_array:
     """Return the integrals (v, v) of ``weight`` u v over ``cells`` (m, n); the weight (v,) is given at vertices."""
-    return _summed(vertices, cells, _shape(manifold_dim, degree, weight), weight, False)
+    return _assemble(vertices, cells, _basis_at_quadrature(manifold_dim, degree, weight), weight, False)
 
 
-def lump(mass: csr_array) -> csr_array:
+def lump_mass(mass: csr_array) -> csr_array:
     """Return the diagonal matrix of the row sums of a ``mass`` matrix."""
     from scipy.sparse import diags_array
 
     return diags_array(np.asarray(mass.sum(axis=1)).ravel()).tocsr()
 
 
-def _shape(manifold_dim: int, degree: int, weight: Floats | None) -> Shape:
+def _basis_at_quadrature(manifold_dim: int, degree: int, weight: Floats | None) -> Shape:
     return quadrature(manifold_dim, degree, degree * (PRODUCTS + (weight is not None)))
 
 
-def _summed(vertices: Floats, cells: Ints, shape: Shape, weight: Floats | None, slopes: bool) -> csr_array:
+def _assemble(vertices: Floats, cells: Ints, shape: Shape, weight: Floats | None, slopes: bool) -> csr_array:
     """Return integrals (v, v) of ``weight`` (v,), None for 1, times products of functions, or of their ``slopes``."""
     from scipy.sparse import csr_array
 

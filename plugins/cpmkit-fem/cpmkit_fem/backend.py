@@ -18,11 +18,11 @@ from cpmkit.plugin import (
 )
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.cell_mesh import CellMesh
-from cpmkit_fem.flips import flip_boundary_chords
+from cpmkit_fem.flips import flip_thin_triangles
 from cpmkit_fem.form import FiniteElements
 from cpmkit_fem.on_nodes import conditions_of
 from cpmkit_fem.pins import pins_of
-from cpmkit_fem.quadratic import curve_mesh, with_midpoints
+from cpmkit_fem.quadratic import add_midpoints, curve_mesh
 from cpmkit_fem.ties import ties_of
 from cpmkit_fem.triangulation import own_mesh, triangulate
 
@@ -82,8 +82,8 @@ class Elements:
             cut = cut_along_boundaries(scene, mesh.nodes, mesh.cells, mesh.mean_edge)
             mesh = CellMesh(cut.vertices, cut.faces, mesh.manifold_dim)
             if curves_cells and mesh.manifold_dim == 2:
-                mesh = flip_boundary_chords(mesh, cut.edges)
-        mesh = with_midpoints(mesh) if degree == 2 else mesh
+                mesh = flip_thin_triangles(mesh, cut.edges)
+        mesh = add_midpoints(mesh) if degree == 2 else mesh
         if curves_cells:
             mesh, off = curve_mesh(scene, mesh, cut)
             cut = cut and replace(cut, warnings=(*cut.warnings, *_flat_cell_warnings(mesh, off)))

@@ -56,39 +56,39 @@ class CellMesh:
         facets, opposite = self.corners[:, around].reshape(-1, k - 1), self.corners.ravel()
         order = np.sort(facets, axis=1)
         _, first, count = np.unique(order, axis=0, return_index=True, return_counts=True)
-        return self.with_midpoints(facets[first]), count, opposite[first]
+        return self.facet_nodes(facets[first]), count, opposite[first]
 
-    def with_midpoints(self, facets: Ints) -> Ints:
+    def facet_nodes(self, facets: Ints) -> Ints:
         """Return the nodes (f, c) of facets that are given by their corners (f, k - 1), edges or points."""
         if self.degree == 1 or facets.shape[1] == 1:
             return facets
         keys, nodes = self._midpoints
-        return np.concatenate([facets, nodes[np.searchsorted(keys, self._keys(facets))][:, None]], axis=1)
+        return np.concatenate([facets, nodes[np.searchsorted(keys, self._edge_keys(facets))][:, None]], axis=1)
 
     @cached_property
     def _midpoints(self) -> tuple[Ints, Ints]:
         pairs, nodes = self.corners[:, EDGES_OF[self.manifold_dim]], self.cells[:, self.manifold_dim + 1 :]
-        keys, first = np.unique(self._keys(pairs.reshape(-1, 2)), return_index=True)
+        keys, first = np.unique(self._edge_keys(pairs.reshape(-1, 2)), return_index=True)
         return keys, nodes.ravel()[first]
 
-    def _keys(self, pairs: Ints) -> Ints:
+    def _edge_keys(self, pairs: Ints) -> Ints:
         low, high = np.sort(pairs, axis=1).T
         return np.asarray(low * len(self.nodes) + high)
 
     @property
     def mean_edge(self) -> float:
         """The mean length of an edge."""
-        return float(np.mean(lengths(self.nodes, self.edges)))
+        return float(np.mean(edge_lengths(self.nodes, self.edges)))
 
     @cached_property
     def longest_edges(self) -> Floats:
         """(m,) the longest edge of each cell."""
         longest: Floats = np.max(
-            [lengths(self.nodes, self.corners[:, pair]) for pair in EDGES_OF[self.manifold_dim]], axis=0
+            [edge_lengths(self.nodes, self.corners[:, pair]) for pair in EDGES_OF[self.manifold_dim]], axis=0
         )
         return longest
 
-    def check(self) -> None:
+    def check_cells(self) -> None:
         """Raise InputError if the mesh has no cells, or has triangles without area."""
         if not len(self.cells):
             raise InputError("backend='fem' needs triangles with three different corners, got none.")
@@ -106,7 +106,7 @@ class CellMesh:
             )
 
 
-def lengths(nodes: Floats, pairs: Ints) -> Floats:
+def edge_lengths(nodes: Floats, pairs: Ints) -> Floats:
     """Return the distances (e,) of pairs (e, 2) of nodes."""
     found: Floats = np.linalg.norm(nodes[pairs[:, 1]] - nodes[pairs[:, 0]], axis=1)
     return found

@@ -23,7 +23,7 @@ from cpmkit.plugin import (
     Terms,
     Value,
 )
-from cpmkit_fem.assembly import lump, stiffness_and_mass
+from cpmkit_fem.assembly import lump_mass, stiffness_and_mass
 from cpmkit_fem.on_nodes import OnNodes
 from cpmkit_fem.operator import VertexOperator, diagonal_matrix, pinned_operator, zero_pinned_rows
 from cpmkit_fem.rim import RimPart
@@ -53,7 +53,7 @@ class Equations(OnNodes):
         matrix, mass = a[0] * self.laplacian, c[0] * self.mass_matrix
         if callable(terms.diffusivity) or callable(terms.c):
             matrix, mass = stiffness_and_mass(self.mesh.nodes, self.mesh.cells, a, c, self.mesh.degree)
-        matrix = (matrix + (lump(mass) if terms.lumped else mass)).tocsr()
+        matrix = (matrix + (lump_mass(mass) if terms.lumped else mass)).tocsr()
         for tie in self.ties:
             if not tie.prescribes_jump:
                 matrix = (matrix + tie.stiffness(a)).tocsr()

@@ -15,29 +15,31 @@ THIN_SHARE = 0.05
 ROUNDS = 6
 
 
-def flip_boundary_chords(mesh: CellMesh, kept: Ints) -> CellMesh:
+def flip_thin_triangles(mesh: CellMesh, kept: Ints) -> CellMesh:
     """Return the mesh with longest edges of thin triangles flipped, except for the edges ``kept`` (e, 2).
 
     Edges of the rim, and so those on cuts, have no other diagonal.
     """
     size = len(mesh.nodes)
-    kept_keys = _keys(kept, size)
+    kept_keys = _edge_keys(kept, size)
     for _ in range(ROUNDS):
         cells = mesh.corners
-        thin = np.flatnonzero(_shapes(mesh.nodes, cells) < THIN_SHARE)
-        turned = _longest_first(mesh.nodes, cells)
-        keys = _keys(cells[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), size)
+        thin = np.flatnonzero(_height_ratios(mesh.nodes, cells) < THIN_SHARE)
+        turned = _start_at_longest_edge(mesh.nodes, cells)
+        keys = _edge_keys(cells[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), size)
         order = np.argsort(keys, kind="stable")
         first, count = np.unique(keys[order], return_index=True, return_counts=True)[1:]
-        place = np.searchsorted(keys[order][first], _keys(turned[thin, :2], size))
+        place = np.searchsorted(keys[order][first], _edge_keys(turned[thin, :2], size))
         pair = order[first[place][:, None] + np.array([0, 1])[None, :] * (count[place] == 2)[:, None]] // 3
         other = np.where(pair[:, 0] == thin, pair[:, 1], pair[:, 0])
-        free = (count[place] == 2) & ~np.isin(_keys(turned[thin, :2], size), kept_keys)
+        free = (count[place] == 2) & ~np.isin(_edge_keys(turned[thin, :2], size), kept_keys)
         thin, other = thin[free], other[free]
         a, b, v = turned[thin].T
         w = cells[other].sum(axis=1) - a - b
         new = np.stack([np.stack([a, w, v], axis=1), np.stack([w, b, v], axis=1)])
-        better = _better(mesh.nodes, new, cells[thin], cells[other]) & ~np.isin(_keys(np.stack([v, w], 1), size), keys)
+        better = _improving_flips(mesh.nodes, new, cells[thin], cells[other]) & ~np.isin(
+            _edge_keys(np.stack([v, w], 1), size), keys
+        )
         chosen = np.flatnonzero(better & _independent_flips(thin, other, better, len(cells)))
         if not len(chosen):
             return mesh
@@ -47,14 +49,14 @@ def flip_boundary_chords(mesh: CellMesh, kept: Ints) -> CellMesh:
     return mesh
 
 
-def _longest_first(nodes: Floats, cells: Ints) -> Ints:
+def _start_at_longest_edge(nodes: Floats, cells: Ints) -> Ints:
     """Return the triangles (m, 3) turned so that their longest edge goes from the first corner to the second."""
     sides = np.linalg.norm(nodes[np.roll(cells, -1, axis=1)] - nodes[cells], axis=2)
     turn = (np.argmax(sides, axis=1)[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells, turn, axis=1)
 
 
-def _shapes(nodes: Floats, cells: Ints) -> Floats:
+def _height_ratios(nodes: Floats, cells: Ints) -> Floats:
     """Return (...) the height over the longest edge of each triangle (..., 3), divided by that edge."""
     corners = nodes[cells]
     first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
@@ -63,10 +65,10 @@ def _shapes(nodes: Floats, cells: Ints) -> Floats:
     return np.asarray(np.sqrt(np.maximum(dots[0] * dots[1] - dots[2] ** 2, 0.0)) / longest**2)
 
 
-def _better(nodes: Floats, new: Ints, thin: Ints, other: Ints) -> Bools:
+def _improving_flips(nodes: Floats, new: Ints, thin: Ints, other: Ints) -> Bools:
     """Return (k,) which pairs of triangles ``new`` (2, k, 3) are less thin than ``thin`` and ``other`` (k, 3)."""
-    before = np.minimum(_shapes(nodes, thin), _shapes(nodes, other))
-    return np.asarray(_shapes(nodes, new).min(axis=0) > before)
+    before = np.minimum(_height_ratios(nodes, thin), _height_ratios(nodes, other))
+    return np.asarray(_height_ratios(nodes, new).min(axis=0) > before)
 
 
 def _independent_flips(thin: Ints, other: Ints, wanted: Bools, count: int) -> Bools:
@@ -78,6 +80,6 @@ def _independent_flips(thin: Ints, other: Ints, wanted: Bools, count: int) -> Bo
     return np.asarray((first[thin] == number) & (first[other] == number))
 
 
-def _keys(pairs: Ints, size: int) -> Ints:
+def _edge_keys(pairs: Ints, size: int) -> Ints:
     low, high = np.sort(pairs, axis=1).T
     return np.asarray(low * size + high)

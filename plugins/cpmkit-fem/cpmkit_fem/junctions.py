@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 
 from cpmkit.plugin import ClosestPointSource, Floats, HasMembers, InputError, Ints, place
-from cpmkit_fem.cell_mesh import CellMesh, lengths
+from cpmkit_fem.cell_mesh import CellMesh, edge_lengths
 
 #: Curves meet where they come nearer than this share of an edge.
 MEETING_EDGE_SHARE = 0.1
@@ -34,7 +34,7 @@ def check_junctions(surface: ClosestPointSource, mesh: CellMesh) -> None:
 
 def _meetings(nodes: Floats, cells: Ints, other: ClosestPointSource) -> tuple[Floats, Floats]:
     """Return points (k, d) of segments ``cells`` (m, 2) at which the curve ``other`` meets them, and their lengths."""
-    length = lengths(nodes, cells)
+    length = edge_lengths(nodes, cells)
     centres = nodes[cells].mean(axis=1)
     nearby = other.closest_point(centres).distance <= length if len(cells) else np.zeros(0, dtype=bool)
     start, way, length = nodes[cells[nearby, 0]], (nodes[cells[nearby, 1]] - nodes[cells[nearby, 0]]), length[nearby]

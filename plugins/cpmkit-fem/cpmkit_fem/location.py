@@ -12,7 +12,7 @@ FIRST_CENTROIDS = 8
 MOST_LOCATION_PAIRS = 1 << 18
 
 
-def nearest_on_cells(vertices: Floats, faces: Ints, queries: Floats) -> tuple[Ints, Floats]:
+def nearest_cells(vertices: Floats, faces: Ints, queries: Floats) -> tuple[Ints, Floats]:
     """Return the cell (n,) that holds the nearest point of each of ``queries`` (n, d), and its coordinates (n, k).
 
     ``faces`` (m, k) are triangles or segments between ``vertices`` (v, d); coordinates are barycentric. Cells are
@@ -28,14 +28,16 @@ def nearest_on_cells(vertices: Floats, faces: Ints, queries: Floats) -> tuple[In
     )
     for size in np.unique(octave):
         group = np.flatnonzero(octave == size)
-        member, weights, distance = _nearest_of_one_size(corners[group], radii[group].max(), queries, best)
+        member, weights, distance = _nearest_cells_of_one_size(corners[group], radii[group].max(), queries, best)
         nearer = distance < best
         best, face = np.where(nearer, distance, best), np.where(nearer, group[member], face)
         local = np.where(nearer[:, None], weights, local)
     return face, local
 
 
-def _nearest_of_one_size(corners: Floats, radius: float, queries: Floats, bound: Floats) -> tuple[Ints, Floats, Floats]:
+def _nearest_cells_of_one_size(
+    corners: Floats, radius: float, queries: Floats, bound: Floats
+) -> tuple[Ints, Floats, Floats]:
     """Return the nearest (n,) of cells (m, k, d), barycentric coordinates (n, k) and distances (n,).
 
     Answers are exact only below ``bound`` (n,). A cell lies within ``radius`` of its centroid. So none past the k
@@ -51,7 +53,7 @@ def _nearest_of_one_size(corners: Floats, radius: float, queries: Floats, bound:
         unsettled = []
         for part in np.array_split(rows, 1 + len(rows) * count // MOST_LOCATION_PAIRS):
             far, near = map(np.asarray, tree.query(queries[part], k=np.arange(1, count + 1)))
-            candidates, lengths = _feet(corners[near], queries[part])
+            candidates, lengths = _foot_coordinates(corners[near], queries[part])
             pick = np.arange(len(part)), np.argmin(lengths, axis=1)
             member[part], weights[part], distance[part] = near[pick], candidates[pick], lengths[pick]
             open_still = np.minimum(distance[part], bound[part]) > far[:, -1] - radius
@@ -60,12 +62,15 @@ def _nearest_of_one_size(corners: Floats, radius: float, queries: Floats, bound:
     return member, weights, distance
 
 
-def _feet(corners: Floats, queries: Floats) -> tuple[Floats, Floats]:
+def _foot_coordinates(corners: Floats, queries: Floats) -> tuple[Floats, Floats]:
     """Return the barycentric coordinates (n, c, k) of the nearest points of cells (n, c, k, d), and distances."""
     if corners.shape[2] == 2:
-        weights = _nearest_on_edge(corners, queries, 0)
+        weights = _edge_foot_coordinates(corners, queries, 0)
         return weights, np.linalg.norm(np.einsum("nkc,nkcd->nkd", weights, corners) - queries[:, None, :], axis=2)
-    candidates = [_project_onto_planes(corners, queries), *(_nearest_on_edge(corners, queries, k) for k in range(3))]
+    candidates = [
+        _plane_foot_coordinates(corners, queries),
+        *(_edge_foot_coordinates(corners, queries, k) for k in range(3)),
+    ]
     weights = np.stack(candidates)
     points = np.einsum("snkc,nkcd->snkd", weights, corners)
     distance = np.linalg.norm(points - queries[None, :, None, :], axis=3)
@@ -77,7 +82,7 @@ def _feet(corners: Floats, queries: Floats) -> tuple[Floats, Floats]:
     )
 
 
-def _project_onto_planes(corners: Floats, queries: Floats) -> Floats:
+def _plane_foot_coordinates(corners: Floats, queries: Floats) -> Floats:
     """Return barycentric coordinates (n, c, 3) of the queries' projections on triangles' planes; -1 without area."""
     a, e, f = corners[..., 0, :], corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     d = queries[:, None, :] - a
@@ -88,7 +93,7 @@ def _project_onto_planes(corners: Floats, queries: Floats) -> Floats:
     return np.where((determinant > 0)[..., None], np.stack([1 - v - w, v, w], axis=-1), -1.0)
 
 
-def _nearest_on_edge(corners: Floats, queries: Floats, side: int) -> Floats:
+def _edge_foot_coordinates(corners: Floats, queries: Floats, side: int) -> Floats:
     """Return barycentric coordinates (n, c, k) of the queries' nearest points on the edge that starts at ``side``."""
     k = corners.shape[2]
     start, end = corners[..., side, :], corners[..., (side + 1) % k, :]

@@ -20,13 +20,13 @@ TRIANGLE_SIDE_SAMPLES = 3
 THROUGH_VERTEX_SHARE = 1e-6
 
 
-def pinned_vertices(scene: Scene, mesh: CellMesh) -> Sequence[RimPart]:
+def pinned_parts(scene: Scene, mesh: CellMesh) -> Sequence[RimPart]:
     """Return the vertices nearest to each boundary, with its law.
 
     Raise SceneError if a boundary has other conditions than one Dirichlet condition on both sides, or lies off the
     mesh.
     """
-    return [_nearest_part(boundary, mesh) for boundary in scene.boundaries]
+    return [_pinned_part(boundary, mesh) for boundary in scene.boundaries]
 
 
 def pin_warnings(parts: Sequence[RimPart]) -> tuple[str, ...]:
@@ -39,7 +39,7 @@ def pin_warnings(parts: Sequence[RimPart]) -> tuple[str, ...]:
     )
 
 
-def _nearest_part(boundary: BoundarySet, mesh: CellMesh) -> RimPart:
+def _pinned_part(boundary: BoundarySet, mesh: CellMesh) -> RimPart:
     left, right = (boundary.condition(side) for side in SIDES)
     if left is not right or not isinstance(left.law, Value):
         raise SceneError(
@@ -54,11 +54,11 @@ def _nearest_vertices(boundary: BoundarySet, mesh: CellMesh) -> Ints:
     """Return (k,) the vertices nearest to points of the boundary, and ends of crossed edges, so that no path passes."""
     from scipy.spatial import cKDTree
 
-    nearest = np.unique(cKDTree(mesh.nodes).query(_samples(boundary, mesh))[1])
+    nearest = np.unique(cKDTree(mesh.nodes).query(_boundary_samples(boundary, mesh))[1])
     return np.union1d(nearest, ends_in_gaps(boundary.source, mesh, nearest))
 
 
-def _samples(boundary: BoundarySet, mesh: CellMesh) -> Floats:
+def _boundary_samples(boundary: BoundarySet, mesh: CellMesh) -> Floats:
     """Return points (k, d) of the boundary, denser than vertices: closest points of samples of the triangles near it.
 
     Raise SceneError if no triangle is near it.

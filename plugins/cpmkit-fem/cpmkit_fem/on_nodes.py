@@ -13,11 +13,11 @@ from cpmkit.plugin import CsrOperator, CutMesh, Discretized, Floats, FormTraits,
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.contacts import change_of_unknowns
 from cpmkit_fem.elements import split_into_linear_cells
-from cpmkit_fem.nearest import pinned_vertices
+from cpmkit_fem.nearest import pinned_parts
 from cpmkit_fem.operator import zero_pinned_rows
 from cpmkit_fem.pins import Pins, pins_of
 from cpmkit_fem.rim import RimPart, rim_of
-from cpmkit_fem.sides import on_own_side, sides_of
+from cpmkit_fem.sides import points_on_own_side, sides_of
 from cpmkit_fem.ties import Tie, ties_of
 from cpmkit_fem.work import FemWork
 
@@ -95,7 +95,7 @@ class OnNodes(Discretized):
     @cached_property
     def points(self) -> Floats:
         """(n, d) the nodes; those on boundaries moved a little to their own side, where both sides' data may differ."""
-        return on_own_side(self.scene, self.mesh, self.cut)
+        return points_on_own_side(self.scene, self.mesh, self.cut)
 
     def with_scene(self, scene: Scene) -> Self:
         """Return this form for ``scene``, of the same geometry, with the same matrices and new conditions' data."""
@@ -137,5 +137,5 @@ class OnNodes(Discretized):
 def conditions_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[RimPart]:
     """Return parts of the rim and the sides of boundaries, or pinned vertices if ``cut`` is None, each with its law."""
     if cut is None:
-        return [*pinned_vertices(scene, mesh), *rim_of(scene, mesh, np.zeros((0, mesh.manifold_dim), dtype=np.int64))]
+        return [*pinned_parts(scene, mesh), *rim_of(scene, mesh, np.zeros((0, mesh.manifold_dim), dtype=np.int64))]
     return [*sides_of(scene, mesh, cut), *rim_of(scene, mesh, cut.edges)]

@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.plugin import Bools, CutMesh, Floats, Ints, Scene
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.elements import EDGES_OF, NODES, shape_at
-from cpmkit_fem.location import nearest_on_cells
+from cpmkit_fem.location import nearest_cells
 from cpmkit_fem.rim import points_outside_rim, rim_facets
 from cpmkit_fem.surface_mapping import jacobians, measure_and_pseudoinverse
 
@@ -23,7 +23,7 @@ ROUNDS_OF_UNTANGLING, ROUNDS_OF_STRAIGHTENING = 20, 4
 ROUNDS_OF_MEETING, NEARER = 5, 0.125
 
 
-def with_midpoints(mesh: CellMesh) -> CellMesh:
+def add_midpoints(mesh: CellMesh) -> CellMesh:
     """Return ``mesh``, of degree 1, as a mesh of degree 2 with nodes at the midpoints of its straight edges."""
     k = mesh.manifold_dim + 1
     pairs = np.sort(mesh.corners[:, EDGES_OF[mesh.manifold_dim]].reshape(-1, 2), axis=1)
@@ -71,7 +71,7 @@ def _line_facets_and_targets(scene: Scene, mesh: CellMesh, cut: CutMesh | None) 
         wanted[rim[:, 2]] = scene.surface.closest_point(points_outside_rim(mesh.nodes, rim, opposite)).points
     if cut is None:
         return rim, wanted
-    of_edges = [np.unique(mesh.with_midpoints(cut.edges[cut.owner == k])) for k in range(len(scene.boundaries))]
+    of_edges = [np.unique(mesh.facet_nodes(cut.edges[cut.owner == k])) for k in range(len(scene.boundaries))]
     of_boundary = [np.union1d(nodes, cut.points.get(number, nodes)) for number, nodes in enumerate(of_edges)]
     on, count = np.unique(np.concatenate(of_boundary), return_counts=True)
     ends = np.intersect1d(on, rim[:, : mesh.manifold_dim])
@@ -87,7 +87,7 @@ def _line_facets_and_targets(scene: Scene, mesh: CellMesh, cut: CutMesh | None) 
                 wanted[at] = scene.surface.closest_point(boundary.source.closest_point(wanted[at]).points).points
         if len(ends):
             wanted[ends] = scene.surface.closest_point(wanted[ends] + NEARER**turn * outward[ends]).points
-    return np.concatenate([rim, mesh.with_midpoints(cut.edges)]), wanted
+    return np.concatenate([rim, mesh.facet_nodes(cut.edges)]), wanted
 
 
 def _displace_neighbours(mesh: CellMesh, lines: Ints, moved: Floats, points: Floats, reach: Floats) -> Floats:
@@ -96,7 +96,7 @@ def _displace_neighbours(mesh: CellMesh, lines: Ints, moved: Floats, points: Flo
     A point moves as its nearest place on a line, with a factor that decreases linearly to zero at the ``reach`` (n,) of
     the line's nodes.
     """
-    line, local = nearest_on_cells(mesh.nodes, lines[:, :2], points)
+    line, local = nearest_cells(mesh.nodes, lines[:, :2], points)
     ends = lines[line]
     feet = np.einsum("kc,kcd->kd", local, mesh.nodes[ends[:, :2]])
     share = 1 - np.linalg.norm(points - feet, axis=1) / reach[ends].max(axis=1)

@@ -23,7 +23,7 @@ from cpmkit.plugin import (
     conditions_along,
     evaluate_data,
 )
-from cpmkit_fem.assembly import mass_over
+from cpmkit_fem.assembly import weighted_mass
 from cpmkit_fem.cell_mesh import CellMesh
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class RimPart:
 
     def mass(self, weight: Floats) -> csr_array:
         """Return integrals (n, n) of w u v over the part; ``weight`` w (n,) has values at nodes and is a polynomial."""
-        return mass_over(self.mesh.nodes, self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree)
+        return weighted_mass(self.mesh.nodes, self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree)
 
     # For Newton's method where the flux depends on u
 
@@ -126,33 +126,33 @@ class RimPart:
         return self.law
 
 
-def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
-    """Return the parts of the rim without the facets ``besides`` (b, corners); none if the mesh is closed.
+def rim_of(scene: Scene, mesh: CellMesh, excluded: Ints) -> Sequence[RimPart]:
+    """Return the parts of the rim without the facets ``excluded`` (b, corners); none if the mesh is closed.
 
     Raise SceneError if a loop is not in the scene's table, or no part of the edge covers a place of it.
     """
-    facets, opposite = rim_facets(mesh, besides)
+    facets, opposite = rim_facets(mesh, excluded)
     if not len(facets):
         return []
     feet = scene.surface.closest_point(points_outside_rim(mesh.nodes, facets, opposite))
     parts = conditions_along(scene.edge, feet.edge, feet.points)
-    target = _move_ends_along_rim(mesh, facets, besides)
+    target = _move_ends_along_rim(mesh, facets, excluded)
     return [RimPart(_one_sided(condition), mesh, facets[rows], target=target) for condition, rows in parts]
 
 
-def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
-    """Return facets (e, c) of one cell each, without ``besides`` (b, corners), and the corner (e,) opposite each."""
+def rim_facets(mesh: CellMesh, excluded: Ints) -> tuple[Ints, Ints]:
+    """Return facets (e, c) of one cell each, without ``excluded`` (b, corners), and the corner (e,) opposite each."""
     facets, count, opposite = mesh.facets
     k, size = mesh.manifold_dim, len(mesh.nodes)
     powers = size ** np.arange(k)
-    rim = (count == 1) & ~np.isin(np.sort(facets[:, :k], axis=1) @ powers, np.sort(besides, axis=1) @ powers)
+    rim = (count == 1) & ~np.isin(np.sort(facets[:, :k], axis=1) @ powers, np.sort(excluded, axis=1) @ powers)
     return facets[rim], opposite[rim]
 
 
-def _move_ends_along_rim(mesh: CellMesh, facets: Ints, besides: Ints) -> Floats:
-    """Return mesh's nodes (n, d), with ends of rim ``facets`` (e, c) in ``besides`` moved a little along the rim."""
+def _move_ends_along_rim(mesh: CellMesh, facets: Ints, excluded: Ints) -> Floats:
+    """Return mesh's nodes (n, d), with ends of rim ``facets`` (e, c) in ``excluded`` moved a little along the rim."""
     target, ends = mesh.nodes.copy(), facets[:, : mesh.manifold_dim]
-    facet, place = np.nonzero(np.isin(ends, besides))
+    facet, place = np.nonzero(np.isin(ends, excluded))
     at = ends[facet, place]
     target[at] += ALONG_SHARE * (mesh.nodes[ends[facet]].mean(axis=1) - mesh.nodes[at])
     return target

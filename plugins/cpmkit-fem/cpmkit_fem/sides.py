@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.plugin import SIDES, Bools, CutMesh, Floats, Interface, Ints, Scene, SceneError, Side, Value
 from cpmkit_fem.cell_mesh import CellMesh
-from cpmkit_fem.location import nearest_on_cells
+from cpmkit_fem.location import nearest_cells
 from cpmkit_fem.rim import RimPart
 
 #: Points nearer to a boundary than this share of an edge lie on it.
@@ -31,7 +31,7 @@ def sides_of(scene: Scene, mesh: CellMesh, cut: CutMesh) -> Sequence[RimPart]:
             law = boundary.condition(side).law
             if isinstance(law, Interface):
                 continue  # a tie
-            parts.append(RimPart(law, mesh, mesh.with_midpoints(cut.edges[on & those]), label, boundary.source))
+            parts.append(RimPart(law, mesh, mesh.facet_nodes(cut.edges[on & those]), label, boundary.source))
             at = cut.points.get(number)
             if at is not None:
                 if not isinstance(law, Value):
@@ -51,7 +51,7 @@ def locate_points(
     It is the nearest cell on the point's own side of each boundary; for points on a boundary the side is
     ``wanted[name]``, by default left. Without ``cut`` it is the nearest cell.
     """
-    face, local = nearest_on_cells(mesh.nodes, mesh.corners, points)
+    face, local = nearest_cells(mesh.nodes, mesh.corners, points)
     if cut is None:
         return face, local
     edge = mesh.mean_edge
@@ -68,22 +68,22 @@ def locate_points(
             wrong = rows[(left == is_left) & ~np.isnan(signed) & other[face[rows]] & ~own_side[face[rows]]]
             if len(wrong):
                 allowed = np.flatnonzero(~other | own_side)
-                nearest, local[wrong] = nearest_on_cells(mesh.nodes, mesh.corners[allowed], points[wrong])
+                nearest, local[wrong] = nearest_cells(mesh.nodes, mesh.corners[allowed], points[wrong])
                 face[wrong] = allowed[nearest]
     return face, local
 
 
-def on_own_side(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Floats:
+def points_on_own_side(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Floats:
     """Return the nodes (n, d), those on boundaries moved from there a little towards their own cells."""
     if cut is None or not len(cut.edges):
         return mesh.nodes
     size, cells = len(mesh.nodes), mesh.cells
-    on, count = np.unique(mesh.with_midpoints(cut.edges)), np.bincount(cells.ravel(), minlength=size)
+    on, count = np.unique(mesh.facet_nodes(cut.edges)), np.bincount(cells.ravel(), minlength=size)
     centres = np.repeat(mesh.nodes[mesh.corners].mean(axis=1), cells.shape[1], axis=0)
     total = np.stack([np.bincount(cells.ravel(), axis, minlength=size) for axis in centres.T], axis=1)
     points = mesh.nodes.copy()
     for number, boundary in enumerate(scene.boundaries):
-        nodes = np.unique(mesh.with_midpoints(cut.edges[cut.owner == number]))
+        nodes = np.unique(mesh.facet_nodes(cut.edges[cut.owner == number]))
         if len(nodes):
             points[nodes] = boundary.source.closest_point(points[nodes]).points
     points[on] += INWARD_SHARE * (total[on] / count[on, None] - mesh.nodes[on])

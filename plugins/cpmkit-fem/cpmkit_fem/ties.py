@@ -29,7 +29,7 @@ from cpmkit.plugin import (
     SceneError,
     evaluate_data,
 )
-from cpmkit_fem.assembly import mass_over
+from cpmkit_fem.assembly import weighted_mass
 from cpmkit_fem.cell_mesh import CellMesh
 
 if TYPE_CHECKING:
@@ -121,7 +121,9 @@ class Tie:
         return np.maximum(a[self.left], a[self.right]) / (NO_RESISTANCE_EDGES * self.mesh.mean_edge)
 
     def _mass(self, weight: Floats) -> csr_array:
-        return mass_over(self.mesh.nodes[self.left], self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree)
+        return weighted_mass(
+            self.mesh.nodes[self.left], self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree
+        )
 
     @cached_property
     def _difference(self) -> csr_array:
@@ -151,9 +153,9 @@ def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
         if cut is None or not isinstance(law, Interface):
             continue
         on, label = cut.owner == number, f"boundary {boundary.name!r}"
-        edges = mesh.with_midpoints(cut.edges[on & cut.left])
+        edges = mesh.facet_nodes(cut.edges[on & cut.left])
         left, rows = np.unique(edges, return_inverse=True)
-        others = np.unique(mesh.with_midpoints(cut.edges[on & ~cut.left]))
+        others = np.unique(mesh.facet_nodes(cut.edges[on & ~cut.left]))
         right, missing = _match_vertices(mesh.nodes, left, others)
         if number in cut.points or missing.any() or len(others) != len(left) or not len(edges):
             raise SceneError(

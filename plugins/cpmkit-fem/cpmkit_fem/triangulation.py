@@ -42,8 +42,8 @@ def triangulate(scene: Scene, spacing: float | None) -> CellMesh:
         raise InputError(
             f"backend='fem' needs {label}, and {type(surface).__name__} gives only points; use backend='cpm'."
         )
-    mesh = _welded(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
-    mesh.check()
+    mesh = _weld(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
+    mesh.check_cells()
     check_junctions(surface, mesh)
     return mesh
 
@@ -57,7 +57,7 @@ def own_mesh(surface: ClosestPointSource) -> tuple[Floats, Ints] | None:
     return (vertices, faces) if same else None
 
 
-def _welded(vertices: Floats, faces: Ints) -> CellMesh:
+def _weld(vertices: Floats, faces: Ints) -> CellMesh:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

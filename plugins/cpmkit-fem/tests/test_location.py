@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cpmkit_fem.location import nearest_on_cells
+from cpmkit_fem.location import nearest_cells
 
 
 def brute_force(vertices, faces, queries):
@@ -35,7 +35,7 @@ def test_no_point_is_nearer(octahedron, spread, shape):
         faces = np.concatenate([faces, fine_faces + len(vertices), extra[None]])
         vertices = np.concatenate([vertices, *more])
     queries = vertices[rng.integers(len(vertices), size=300)] + spread * rng.normal(size=(300, 3))
-    face, local = nearest_on_cells(vertices, faces, queries)
+    face, local = nearest_cells(vertices, faces, queries)
     points = np.einsum("nc,ncd->nd", local, vertices[faces[face]])
     wanted = brute_force(vertices, faces, queries)
     np.testing.assert_allclose(np.linalg.norm(points - queries, axis=1), wanted, rtol=1e-12, atol=1e-13)
@@ -45,7 +45,7 @@ def test_no_point_is_nearer(octahedron, spread, shape):
 
 def test_no_query_and_one_triangle():
     vertices, faces = np.eye(3), np.array([[0, 1, 2]])
-    assert [len(part) for part in nearest_on_cells(vertices, faces, np.zeros((0, 3)))] == [0, 0]
-    face, local = nearest_on_cells(vertices, faces, np.array([[5.0, 5.0, 5.0], [9.0, 0.0, 0.0]]))
+    assert [len(part) for part in nearest_cells(vertices, faces, np.zeros((0, 3)))] == [0, 0]
+    face, local = nearest_cells(vertices, faces, np.array([[5.0, 5.0, 5.0], [9.0, 0.0, 0.0]]))
     assert face.tolist() == [0, 0]
     np.testing.assert_allclose(local, [[1 / 3] * 3, [1, 0, 0]], atol=1e-14)

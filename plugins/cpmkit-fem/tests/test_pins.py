@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.gaps import ends_in_gaps
-from cpmkit_fem.nearest import pinned_vertices
+from cpmkit_fem.nearest import pinned_parts
 from cpmkit_fem.triangulation import triangulate
 from model_problems import order_of, rotation, sphere_poisson
 from scipy.sparse import coo_array
@@ -17,7 +17,7 @@ def pinned(vertices, faces, curve):
     surface = ck.source("mesh.triangles", vertices=vertices, faces=faces)
     scene = ck.Scene(surface, ck.Laplace(), [ck.Boundary("curve", curve, both=ck.Dirichlet(0.0))])
     mesh = triangulate(scene, None)
-    (part,) = pinned_vertices(scene, mesh)
+    (part,) = pinned_parts(scene, mesh)
     return mesh, part.vertex_numbers
 
 

@@ -76,7 +76,7 @@ def build_tree(corners: Floats) -> BoxTree:
     """Return the bounding box tree over triangles with ``corners`` (m, 3, 3); in a segment the last two agree."""
     from cpmkit_mesh import box_tree_kernels, query_kernels
 
-    boxes, nodes, order = box_tree_kernels.build(corners.min(axis=1), corners.max(axis=1))
+    boxes, nodes, order = box_tree_kernels.build_boxes(corners.min(axis=1), corners.max(axis=1))
     frames = as_frames(corners[order])
     first, second = frames[:, 1], frames[:, 2]
     edges = np.stack([first, second, second - first], axis=1)
@@ -112,15 +112,15 @@ def find_nearest(tree: BoxTree, x: Floats) -> Nearest:
     points = Nearest.empty(len(x))
     answer = (points.slot, points.local, points.point, points.distance)
     arrays = (tree.boxes, tree.nodes, tree.frames, tree.shape, *answer)
-    run_parcels(lambda start, stop: query_kernels.nearest(x, start, stop, *arrays), len(x))
+    run_parcels(lambda start, stop: query_kernels.fill_nearest(x, start, stop, *arrays), len(x))
     return points
 
 
-def project_onto(tree: BoxTree, x: Floats, slot: Ints) -> Nearest:
+def project_onto_primitives(tree: BoxTree, x: Floats, slot: Ints) -> Nearest:
     """Return the point nearest to each of ``x`` (n, 3) on the primitive of ``tree`` in its ``slot`` (n,)."""
     from cpmkit_mesh import query_kernels
 
     points = Nearest.empty(len(x), slot)
     arrays = (tree.frames, tree.shape, points.slot, points.local, points.point, points.distance)
-    run_parcels(lambda start, stop: query_kernels.project_onto(x, start, stop, *arrays), len(x))
+    run_parcels(lambda start, stop: query_kernels.fill_projections(x, start, stop, *arrays), len(x))
     return points

@@ -17,7 +17,7 @@ STACK_NODES = 96
 
 
 @compiled
-def build(lower, upper):
+def build_boxes(lower, upper):
     """Return the bounding box tree over m primitives with boxes from ``lower`` (m, 3) to ``upper`` (m, 3).
 
     Returned are ``boxes`` (nodes, 6); ``nodes`` (nodes, 2): 0 and the first of two adjacent children, or for a leaf the
@@ -34,11 +34,11 @@ def build(lower, upper):
     while waiting:
         waiting -= 1
         node, start, stop, depth = pending[waiting]
-        _bound(lower, upper, order, start, stop, boxes[node])
+        _write_bounding_box(lower, upper, order, start, stop, boxes[node])
         if stop - start <= LEAF_PRIMITIVES:
             nodes[node] = (stop - start, start)
             continue
-        middle = _split(lower, upper, order, start, stop, depth)
+        middle = _split_primitives(lower, upper, order, start, stop, depth)
         nodes[node] = (0, used)
         pending[waiting] = (used, start, middle, depth + 1)
         pending[waiting + 1] = (used + 1, middle, stop, depth + 1)
@@ -48,7 +48,7 @@ def build(lower, upper):
 
 
 @compiled
-def _bound(lower, upper, order, start, stop, box):
+def _write_bounding_box(lower, upper, order, start, stop, box):
     """Write to ``box`` (6,) the lowest and highest corner of the box around the primitives ``order[start:stop]``."""
     box[:3] = np.inf
     box[3:] = -np.inf
@@ -59,7 +59,7 @@ def _bound(lower, upper, order, start, stop, box):
 
 
 @compiled
-def _split(lower, upper, order, start, stop, depth):
+def _split_primitives(lower, upper, order, start, stop, depth):
     """Reorder ``order[start:stop]``, in place, into two groups, and return the position at which the second begins.
 
     ``lower`` and ``upper`` (m, 3) are the primitives' boxes, ``depth`` is that of the node: from :data:`HALVING_DEPTH`
@@ -133,9 +133,10 @@ def _best_bin(lower, upper, order, start, stop, axis, least, scale):
 def bound_normals(nodes, vertices, axes, angles):
     """Return (nodes, 5) the axis, cosine and sine of a cone that contains the surface normals in each node of a tree.
 
-    ``nodes`` (nodes, 2) are those of :func:`build`. The normals around each vertex lie within ``angles`` (k,) radians
-    of ``axes`` (k, 3); ``vertices`` (m, 3) are those of each slot. Children have higher numbers than their parents, so
-    that nodes are visited backwards. Cosine and sine of cones of a right angle and more are 0.
+    ``nodes`` (nodes, 2) are those of :func:`build_boxes`. The normals around each vertex lie within ``angles`` (k,)
+    radians of the unit vectors ``axes`` (k, 3); ``vertices`` (m, 3) are the corners of the triangle in each slot.
+    Children have higher numbers than their parents, so that nodes are visited backwards. Cosine and sine of cones of a
+    right angle and more are 0.
     """
     count = len(nodes)
     axis, angle = np.zeros((count, 3)), np.zeros(count)

@@ -38,7 +38,7 @@ class Chains:
 
     def segments(self) -> Ints:
         """Return (m, 2) positions in ``vertices`` of the start and the end of each segment, closing ones included."""
-        first, last = _first_and_last(self.chain)
+        first, last = _chain_bounds(self.chain)
         after = np.arange(len(self.vertices)) + 1
         after[last] = first
         leads_on = np.ones(len(self.vertices), dtype=bool)
@@ -47,7 +47,7 @@ class Chains:
 
     def ends(self) -> Ints:
         """Return (k,) for each entry of ``vertices`` 0 where an open chain starts, 1 where it ends, -1 elsewhere."""
-        first, last = _first_and_last(self.chain)
+        first, last = _chain_bounds(self.chain)
         ends = np.full(len(self.vertices), -1)
         ends[first[~self.closed]], ends[last[~self.closed]] = 0, 1
         return ends
@@ -74,7 +74,7 @@ def order_chains(edges: Ints, positions: Floats) -> Chains:
     rank[np.argsort(-length, kind="stable")] = np.arange(len(length))
     order = np.lexsort((place, rank[path]))
     chain, vertices = rank[path][order], vertex[order]
-    first, last = _first_and_last(chain)
+    first, last = _chain_bounds(chain)
     closed = vertices[first] == vertices[last]
     listed = np.ones(len(vertices), dtype=bool)
     listed[last[closed]] = False
@@ -127,6 +127,6 @@ def _order_nodes(node: Ints, count: int) -> tuple[Ints, Ints, Ints]:
     return path, place, place[node[:, 1]] - place[node[:, 0]]
 
 
-def _first_and_last(chain: Ints) -> tuple[Ints, Ints]:
+def _chain_bounds(chain: Ints) -> tuple[Ints, Ints]:
     first = np.flatnonzero(np.diff(chain, prepend=-1))
     return first, np.r_[first[1:], len(chain)] - 1

@@ -33,7 +33,7 @@ def corner_normals(vertices: Floats, faces: Ints, adjacency: Topology) -> Floats
     weights by angle or by area are of first order. Elsewhere the tilts make them two to three times more accurate.
     """
     corner, normal_of_corner = faces.ravel(), np.repeat(face_normals(vertices, faces), 3, axis=0)
-    weights = _weights(vertices, faces).ravel()
+    weights = _corner_weights(vertices, faces).ravel()
     if not adjacency.consistent:
         reference = np.zeros_like(vertices)
         reference[corner[::-1]] = normal_of_corner[::-1]
@@ -47,7 +47,7 @@ def corner_normals(vertices: Floats, faces: Ints, adjacency: Topology) -> Floats
     if adjacency.consistent:
         if len(adjacency.boundary):
             normals = tilt_rim_normals(vertices, faces, adjacency, normals)
-        normals = fit_to_chords(vertices, faces, adjacency, normals)
+        normals = fit_normals_to_chords(vertices, faces, adjacency, normals)
     normals = normals[corner]
     if not adjacency.consistent:
         normals = normals * _sign(np.einsum("ij,ij->i", normal_of_corner, normals))[:, None]
@@ -57,7 +57,7 @@ def corner_normals(vertices: Floats, faces: Ints, adjacency: Topology) -> Floats
     return normals.reshape(-1, 3, 3)
 
 
-def _weights(vertices: Floats, faces: Ints) -> Floats:
+def _corner_weights(vertices: Floats, faces: Ints) -> Floats:
     """Return (m, 3) sin(angle) / (product of both edge lengths) at each corner of each face; the largest edge is 1."""
     towards = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
     towards = towards / np.abs(towards).max()
@@ -80,7 +80,7 @@ ROUGH_CHORD_RADIANS = 0.05
 TILT_TOLERANCE = 1e-12
 
 
-def fit_to_chords(vertices: Floats, faces: Ints, adjacency: Topology, normals: Floats) -> Floats:
+def fit_normals_to_chords(vertices: Floats, faces: Ints, adjacency: Topology, normals: Floats) -> Floats:
     """Return the unit ``normals`` (k, 3) at ``vertices`` (k, 3), tilted to fit the chords along all edges of ``faces``.
 
     The tilts t, in the tangent planes, minimise sum w (e . (n + t + n' + t'))^2 + sum |t|^2 over the edges and

@@ -28,7 +28,7 @@ def clip_ears(points, ears, good):
             ring[k] = k
         area = 0.0
         for k in range(count):
-            area += _cross(p[0], p[k], p[(k + 1) % count])
+            area += _double_area(p[0], p[k], p[(k + 1) % count])
         least = STRAIGHT_AREA_SHARE * area
         left = count
         good[row] = area > 0.0
@@ -36,12 +36,12 @@ def clip_ears(points, ears, good):
             best = -1
             for k in range(left):
                 before, after = ring[(k - 1) % left], ring[(k + 1) % left]
-                if _cross(p[before], p[ring[k]], p[after]) > least and _is_free(p, ring, left, k, least):
+                if _double_area(p[before], p[ring[k]], p[after]) > least and _is_empty_ear(p, ring, left, k, least):
                     best = k
                     break
             if best < 0:  # the remaining corners may lie on a line
                 for k in range(left):
-                    if abs(_cross(p[ring[(k - 1) % left]], p[ring[k]], p[ring[(k + 1) % left]])) <= least:
+                    if abs(_double_area(p[ring[(k - 1) % left]], p[ring[k]], p[ring[(k + 1) % left]])) <= least:
                         best = k
                         break
             if best < 0:
@@ -53,13 +53,13 @@ def clip_ears(points, ears, good):
             for k in range(best, left - 1):
                 ring[k] = ring[k + 1]
             left -= 1
-        good[row] = good[row] and _cross(p[ring[0]], p[ring[1]], p[ring[2]]) >= -least
+        good[row] = good[row] and _double_area(p[ring[0]], p[ring[1]], p[ring[2]]) >= -least
         for k in range(3):
             ears[row, count - 3, k] = ring[k]
 
 
 @compiled
-def _is_free(p, ring, left, k, least):
+def _is_empty_ear(p, ring, left, k, least):
     """Return whether the ear at position ``k`` of ``ring`` contains no other of the ``left`` remaining corners.
 
     ``ring`` are the numbers of the remaining corners of the polygon ``p`` (c, 2), ``least`` is the rounding of areas;
@@ -70,18 +70,18 @@ def _is_free(p, ring, left, k, least):
         if other == k or other == (k - 1) % left or other == (k + 1) % left:
             continue
         q = p[ring[other]]
-        if _same(q, a) or _same(q, b) or _same(q, c):
+        if _same_point(q, a) or _same_point(q, b) or _same_point(q, c):
             continue
-        if _cross(a, b, q) >= -least and _cross(b, c, q) >= -least and _cross(c, a, q) >= -least:
+        if _double_area(a, b, q) >= -least and _double_area(b, c, q) >= -least and _double_area(c, a, q) >= -least:
             return False
     return True
 
 
 @compiled
-def _cross(a, b, c):
+def _double_area(a, b, c):
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 @compiled
-def _same(a, b):
+def _same_point(a, b):
     return a[0] == b[0] and a[1] == b[1]

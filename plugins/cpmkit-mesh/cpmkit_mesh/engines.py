@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, Ints, MissingDependencyError, thread_count
-from cpmkit_mesh.box_tree import BoxTree, Nearest, find_nearest, project_onto
+from cpmkit_mesh.box_tree import BoxTree, Nearest, find_nearest, project_onto_primitives
 
 ENGINES = ("own", "fcl", "open3d")
 #: Twice the area over the square of the longest edge below which a triangle makes fcl's answers for the mesh wrong.
@@ -36,11 +36,11 @@ def nearest_search(engine: str, tree: BoxTree) -> Search:
     """
     if engine == "own":
         return partial(find_nearest, tree)
-    slots = {"fcl": _fcl, "open3d": _open3d}[engine](tree)
-    return lambda x: project_onto(tree, x, slots(x))
+    slots = {"fcl": _fcl_search, "open3d": _open3d_search}[engine](tree)
+    return lambda x: project_onto_primitives(tree, x, slots(x))
 
 
-def _fcl(tree: BoxTree) -> Callable[[Floats], Ints]:
+def _fcl_search(tree: BoxTree) -> Callable[[Floats], Ints]:
     """Return a function from queries (n, 3) to the slots (n,) of their nearest triangles, in float64, by a Python loop.
 
     Raise InputError if a triangle has no area, MissingDependencyError if python-fcl does not load.
@@ -69,7 +69,7 @@ def _fcl(tree: BoxTree) -> Callable[[Floats], Ints]:
     return lambda x: np.array([name(query) for query in x], dtype=np.int64)
 
 
-def _open3d(tree: BoxTree) -> Callable[[Floats], Ints]:
+def _open3d_search(tree: BoxTree) -> Callable[[Floats], Ints]:
     """Return a function from queries (n, 3) to slots (n,) of triangles nearest to them up to the rounding of float32.
 
     Coordinates are relative to the mesh's centre and size. Raise MissingDependencyError if Open3D does not load.

@@ -53,17 +53,17 @@ def interpolated_normals(
     return InterpolatedNormals(
         normals=as_frames(normals_at_corners[order]),
         neighbours=neighbours,
-        rim=_rim(vertices, adjacency, normals_at_corners, slot),
-        tiny=_tiny(vertices),
+        rim=_rim_arrays(vertices, adjacency, normals_at_corners, slot),
+        tiny=_rounding_distance(vertices),
     )
 
 
 def translate_normals(field: InterpolatedNormals, vertices: Floats, adjacency: Topology) -> InterpolatedNormals:
     """Return ``field`` for a mesh translated to ``vertices`` (k, 3), with the same ``adjacency`` and order of slots."""
-    return replace(field, rim=(vertices[adjacency.boundary], *field.rim[1:]), tiny=_tiny(vertices))
+    return replace(field, rim=(vertices[adjacency.boundary], *field.rim[1:]), tiny=_rounding_distance(vertices))
 
 
-def _tiny(vertices: Floats) -> float:
+def _rounding_distance(vertices: Floats) -> float:
     return 1e-13 * float(np.ptp(vertices, axis=0).max()) + 4e-16 * float(np.abs(vertices).max())
 
 
@@ -82,19 +82,19 @@ def follow_normals(tree: BoxTree, field: InterpolatedNormals, x: Floats, nearest
     return doubtful
 
 
-def _rim(
+def _rim_arrays(
     vertices: Floats, adjacency: Topology, normals_at_corners: Floats, slot: Ints
 ) -> tuple[Floats, Floats, Floats, Ints, Ints]:
     """Return the five arrays of the boundary edges; see :class:`InterpolatedNormals`. ``slot`` (m,) is by triangle."""
     ends = vertices[adjacency.boundary]
     face, edge = adjacency.boundary_face, adjacency.boundary_edge
     normals = np.stack([normals_at_corners[face, (edge + 1) % 3], normals_at_corners[face, (edge + 2) % 3]], axis=1)
-    links = _links(adjacency.boundary)
-    tangents = _tangents(unit(ends[:, 1] - ends[:, 0]), links)
+    links = _rim_links(adjacency.boundary)
+    tangents = _rim_tangents(unit(ends[:, 1] - ends[:, 0]), links)
     return ends, normals, tangents, links, np.stack([slot[face], edge], axis=1)
 
 
-def _links(boundary: Ints) -> Ints:
+def _rim_links(boundary: Ints) -> Ints:
     """Return (k, 2) the end, as 2 edge + end, that each end of ``boundary`` (k, 2) touches, -1 unless two meet."""
     vertex = boundary.ravel()
     order = np.argsort(vertex, kind="stable")
@@ -105,10 +105,10 @@ def _links(boundary: Ints) -> Ints:
     return links.reshape(-1, 2)
 
 
-def _tangents(direction: Floats, links: Ints) -> Floats:
+def _rim_tangents(direction: Floats, links: Ints) -> Floats:
     """Return (k, 2, 3) unit tangents at both ends of each boundary edge: the mean over two edges, at corners its own.
 
-    ``direction`` (k, 3) are the edges' unit vectors, ``links`` (k, 2) the touching ends as in :func:`_links`.
+    ``direction`` (k, 3) are the edges' unit vectors, ``links`` (k, 2) the touching ends as in :func:`_rim_links`.
     """
     beyond = direction[links // 2]
     towards = np.where(links % 2 == np.array([1, 0]), 1.0, -1.0)

@@ -39,20 +39,22 @@ def follow_normals(x, start, stop, tiny, mesh, rim, slot, local, point, distance
         doubtful[i] = False
         if distance[i] <= tiny:
             continue
-        face, v, w, converged = _walk(x[i], slot[i], local[i, 0], local[i, 1], frames, normals, neighbours, rim)
+        face, v, w, converged = _search_triangles(
+            x[i], slot[i], local[i, 0], local[i, 1], frames, normals, neighbours, rim
+        )
         square = 0.0
         for k in range(3):
-            square += (x[i, k] - _mix(frames, face, v, w, k)) ** 2
+            square += (x[i, k] - _linear_field(frames, face, v, w, k)) ** 2
         if converged and square <= (FARTHEST_DISTANCES * distance[i]) ** 2:
             slot[i], local[i, 0], local[i, 1] = face, v, w
             for k in range(3):
-                point[i, k] = _mix(frames, face, v, w, k)
+                point[i, k] = _linear_field(frames, face, v, w, k)
         else:
             doubtful[i] = True
 
 
 @inlined
-def _mix(frames, face, v, w, k):
+def _linear_field(frames, face, v, w, k):
     """Return coordinate ``k`` of a linear field on triangle ``face`` at its local coordinates v, w.
 
     ``frames`` (m, 3, 3) are the field's values at the first corner and the differences of the other two from it.
@@ -61,7 +63,7 @@ def _mix(frames, face, v, w, k):
 
 
 @compiled
-def _walk(x, face, v, w, frames, normals, neighbours, rim):
+def _search_triangles(x, face, v, w, frames, normals, neighbours, rim):
     """Return the triangle of the closest point of ``x`` (3,), its coordinates v, w there, and whether it was found.
 
     The search starts on triangle ``face`` at v, w, and crosses an edge where a solution lies beyond it. It fails at an
@@ -71,7 +73,7 @@ def _walk(x, face, v, w, frames, normals, neighbours, rim):
     height = _height(x, face, v, w, frames, normals)
     returns = 0
     for _ in range(MAX_TRIANGLES):
-        v, w, height = _solve(x, face, v, w, height, frames, normals)
+        v, w, height = _solve_on_triangle(x, face, v, w, height, frames, normals)
         u = 1.0 - v - w
         if not (np.isfinite(u) and np.isfinite(height)):
             return face, 0.0, 0.0, False
@@ -102,18 +104,18 @@ def _walk(x, face, v, w, frames, normals, neighbours, rim):
 def _height(x, face, v, w, frames, normals):
     """Return the height h of ``x`` above the point p at v, w of triangle ``face``: (x - p) . n / n . n, normal n.
 
-    ``frames`` and ``normals`` (m, 3, 3) are linear fields as in :func:`_mix`.
+    ``frames`` and ``normals`` (m, 3, 3) are linear fields as in :func:`_linear_field`.
     """
     along, square = 0.0, 0.0
     for k in range(3):
-        n = _mix(normals, face, v, w, k)
-        along += (x[k] - _mix(frames, face, v, w, k)) * n
+        n = _linear_field(normals, face, v, w, k)
+        along += (x[k] - _linear_field(frames, face, v, w, k)) * n
         square += n * n
     return along / square
 
 
 @compiled
-def _solve(x, face, v, w, h, frames, normals):
+def _solve_on_triangle(x, face, v, w, h, frames, normals):
     """Return v, w, h with p(v, w) + h n(v, w) = ``x`` on triangle ``face``, by Newton's method from the given v, w, h.
 
     It stops after 12 steps, or where abs(v) + abs(w) > 8; NaN or infinity is returned where the Jacobian is singular.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.plugin import Bools, Floats, Ints, run_parcels, unit
-from cpmkit_mesh.box_tree import BoxTree, Nearest, project_onto
+from cpmkit_mesh.box_tree import BoxTree, Nearest, project_onto_primitives
 from cpmkit_mesh.face_geometry import face_normals
 from cpmkit_mesh.topology import Topology
 
@@ -99,12 +99,12 @@ def local_minima(tree: BoxTree, triangles: VertexTriangles, x: Floats, radius: f
     answers = {}
 
     def work(start: int, stop: int) -> None:
-        answers[start] = query_kernels.minima(x, start, stop, *arrays)
+        answers[start] = query_kernels.find_local_minima(x, start, stop, *arrays)
 
     run_parcels(work, len(x))
     parts = [answers[start] for start in sorted(answers)]
     rows, slot = (np.concatenate([np.zeros(0, dtype=np.int64), *[part[k] for part in parts]]) for k in range(2))
-    points, measured = project_onto(tree, x[rows], slot), sum(part[2] for part in parts)
+    points, measured = project_onto_primitives(tree, x[rows], slot), sum(part[2] for part in parts)
     within = points.distance <= radius
     return LocalMinima(rows[within], points.take(within), measured)
 

@@ -57,12 +57,12 @@ def closest_approach(vertices: Floats, faces: Ints, component: Ints, distance: f
     for digit in range(int(component.max()).bit_length()):
         half = (component >> digit) & 1 == 0
         for first, second in ((half, ~half), (~half, half)):
-            approach = _approach(vertices, faces[first], faces[second], distance)
+            approach = _find_approach(vertices, faces[first], faces[second], distance)
             best = approach if approach and (best is None or approach.distance < best.distance) else best
     return best
 
 
-def _approach(vertices: Floats, faces: Ints, others: Ints, distance: float) -> Approach | None:
+def _find_approach(vertices: Floats, faces: Ints, others: Ints, distance: float) -> Approach | None:
     """Return a point on edges of ``faces`` within ``distance`` of the triangles ``others``, with its distance, or None.
 
     Both are (m, 3) vertex numbers. After :data:`DIVISIONS` divisions the nearest point is returned, even if farther.

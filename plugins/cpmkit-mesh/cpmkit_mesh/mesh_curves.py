@@ -50,8 +50,8 @@ def edge_loop(
     if not len(boundary):
         raise InputError("mesh.edge_loop needs an open mesh; this one is closed and has no edge.")
     if loop is not None:
-        boundary = boundary[number == _number(loop, "loop", int(number.max()) + 1)]
-    return _curve(mesh, order_chains(boundary, mesh.vertices))
+        boundary = boundary[number == _checked_number(loop, "loop", int(number.max()) + 1)]
+    return _polyline_of_chains(mesh, order_chains(boundary, mesh.vertices))
 
 
 def feature_edges(
@@ -97,10 +97,12 @@ def feature_edges(
             f"turns by {largest:.3g}."
         )
     chains = order_chains(edges, mesh.vertices)
-    return _curve(mesh, chains if chain is None else chains.take(_number(chain, "chain", len(chains))))
+    return _polyline_of_chains(
+        mesh, chains if chain is None else chains.take(_checked_number(chain, "chain", len(chains)))
+    )
 
 
-def _curve(mesh: TriangleMesh, chains: Chains) -> Polyline:
+def _polyline_of_chains(mesh: TriangleMesh, chains: Chains) -> Polyline:
     """Return ``chains`` of edges of ``mesh`` as a polyline that interpolates values at the user's vertices."""
     vertices = chains.vertices
     return Polyline(
@@ -133,7 +135,7 @@ def as_mesh_source(kind: str, file: str | Path | None, vertices: Any, faces: Any
     return surface
 
 
-def _number(value: Any, name: str, count: int) -> int:
+def _checked_number(value: Any, name: str, count: int) -> int:
     """Return ``value`` as an int from 0 to ``count`` - 1; raise InputError that names the key ``name`` if it is not."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value < count:
         raise InputError(f"{name} must be a whole number from 0 to {count - 1}, the longest first, got {shown(value)}.")

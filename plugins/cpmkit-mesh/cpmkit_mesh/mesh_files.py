@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, Ints, check_size, existing_file, read_bytes, shown
-from cpmkit_mesh.polygons import Polygons, polygons_of, triangulate
+from cpmkit_mesh.polygons import Polygons, as_polygons, triangulate
 
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off")
 
@@ -51,7 +51,7 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
         vertices, faces = as_mesh(vertices, triangulate(vertices, polygons))
     except InputError as error:
         raise InputError(f"{shown(file.name)}: {error}") from error
-    first, place = at_same_place(vertices)
+    first, place = group_equal_rows(vertices)
     return vertices[first], place[faces]
 
 
@@ -87,7 +87,7 @@ def as_mesh(vertices: Any, faces: Any) -> tuple[Floats, Ints]:
         raise InputError(f"vertices must have shape (n, 3) or (n, 2) with n > 0, got {points.shape}.")
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
-    polygons = polygons_of(faces)
+    polygons = as_polygons(faces)
     low, high = int(polygons.corners.min()), int(polygons.corners.max())
     if low < 0 or high >= len(points):
         raise InputError(f"faces must name vertices from 0 to {len(points) - 1}, got indices from {low} to {high}.")
@@ -113,7 +113,7 @@ def as_numbers(values: Any, name: str) -> np.ndarray:
     return array
 
 
-def at_same_place(points: Floats | Ints) -> tuple[Ints, Ints]:
+def group_equal_rows(points: Floats | Ints) -> tuple[Ints, Ints]:
     """Find groups of equal rows among ``points`` (n, d).
 
     Returns
@@ -139,4 +139,4 @@ def at_same_place(points: Floats | Ints) -> tuple[Ints, Ints]:
 def distinct_faces(faces: Ints) -> Ints:
     """Return (k,) ascending row numbers of ``faces`` (m, 3): three different vertices, not those of an earlier face."""
     proper = np.flatnonzero((faces != np.roll(faces, 1, axis=1)).all(axis=1))
-    return proper[at_same_place(np.sort(faces[proper], axis=1))[0]] if len(proper) else proper
+    return proper[group_equal_rows(np.sort(faces[proper], axis=1))[0]] if len(proper) else proper

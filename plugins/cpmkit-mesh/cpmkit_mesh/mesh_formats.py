@@ -33,10 +33,10 @@ def read_off(data: bytes) -> tuple[Floats, Polygons]:
     count, faces = int(sizes[0]), int(sizes[1])
     if len(rows) - 1 != count + faces:
         raise InputError(f"it says {count} vertices and {faces} faces, and has {len(rows) - 1} lines for them.")
-    return _vertices(rows[1 : count + 1]), _polygons(rows[count + 1 :], count)
+    return _parse_vertices(rows[1 : count + 1]), _parse_polygons(rows[count + 1 :], count)
 
 
-def _vertices(rows: list[tuple[int, list[str]]]) -> Floats:
+def _parse_vertices(rows: list[tuple[int, list[str]]]) -> Floats:
     """Return vertices (n, 3) in ``rows``, the line number and words of each; raise InputError for a damaged line."""
     for number, words in rows:
         if len(words) < 3:
@@ -44,7 +44,7 @@ def _vertices(rows: list[tuple[int, list[str]]]) -> Floats:
     return parse_floats([word for _, words in rows for word in words[:3]], 3, [number for number, _ in rows])
 
 
-def _polygons(rows: list[tuple[int, list[str]]], vertices: int) -> Polygons:
+def _parse_polygons(rows: list[tuple[int, list[str]]], vertices: int) -> Polygons:
     """Return the faces in ``rows``, the line number and words of each line; ``vertices`` is the number of vertices.
 
     Raise InputError if a line is damaged, has too few corners, or a vertex number out of range.

@@ -51,7 +51,7 @@ def read_obj(data: bytes) -> tuple[Floats, Polygons]:
             raise InputError(f"line {number} begins with {REFUSED_WORDS.get(word, 'no word of the format')}.")
     size = np.array(counts, dtype=np.int64)
     lines = np.repeat(np.array(face_lines, dtype=np.int64), size)
-    index = zero_based(parse_ints(corners, lines), np.repeat(before, size), len(vertex_lines), lines)
+    index = zero_based_numbers(parse_ints(corners, lines), np.repeat(before, size), len(vertex_lines), lines)
     return parse_floats(coordinates, 3, vertex_lines), Polygons(size, index)
 
 
@@ -79,7 +79,7 @@ def _is_unit(word: str) -> bool:
         return False
 
 
-def zero_based(index: Ints, before: Ints, count: int, lines: Ints) -> Ints:
+def zero_based_numbers(index: Ints, before: Ints, count: int, lines: Ints) -> Ints:
     """Return (n,) zero-based numbers of the vertices ``index`` (n,), counted from 1, or, negative, back from the last.
 
     ``before`` (n,) is the number of vertices so far, ``count`` that of all, ``lines`` (n,) are line numbers. Raise
@@ -122,7 +122,7 @@ def read_texture_coordinates(path: str | Path) -> tuple[Floats, Ints]:
     try:
         data = read_bytes(file)
         vertices, polygons = read_obj(data)
-        coordinates, of_corner = _texture(data)
+        coordinates, of_corner = _parse_texture(data)
         slots = Polygons(polygons.counts, np.arange(len(polygons.corners)))
         return coordinates, of_corner[triangulate(vertices[polygons.corners], slots)]
     except OSError as error:
@@ -131,7 +131,7 @@ def read_texture_coordinates(path: str | Path) -> tuple[Floats, Ints]:
         raise InputError(f"texture coordinates of {shown(file.name)}: {error}") from error
 
 
-def _texture(data: bytes) -> tuple[Floats, Ints]:
+def _parse_texture(data: bytes) -> tuple[Floats, Ints]:
     """Return the texture coordinates (k, 2) in an OBJ file's bytes, and (c,) the row for each corner of its faces.
 
     Raise InputError if a line is damaged, or a corner has no texture coordinate.
@@ -152,5 +152,5 @@ def _texture(data: bytes) -> tuple[Floats, Ints]:
                 corner_lines.append(number)
                 before.append(len(lines))
     at = np.array(corner_lines, dtype=np.int64)
-    index = zero_based(parse_ints(corners, at), np.array(before, dtype=np.int64), len(lines), at)
+    index = zero_based_numbers(parse_ints(corners, at), np.array(before, dtype=np.int64), len(lines), at)
     return parse_floats(words_of, 2, lines), index

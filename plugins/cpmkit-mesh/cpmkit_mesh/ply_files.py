@@ -63,12 +63,12 @@ def read_ply(data: bytes) -> dict[str, Table]:
     A table maps each property to its column: an array (n,), or ``PlyLists``. Raise InputError if the data are no PLY
     file, are cut off, go on after the end, or are not numbers.
     """
-    form, elements, body = _header(data)
+    form, elements, body = _parse_header(data)
     if form == "ascii":  # the same rows in binary, every number in eight bytes
-        body = _numbers(body).tobytes()
-        elements = [_of_doubles(element) for element in elements]
+        body = _parse_numbers(body).tobytes()
+        elements = [_with_double_types(element) for element in elements]
     stream = _Stream(body, ">" if form == "binary_big_endian" else "<")
-    tables = {element.name: stream.table(element) for element in elements}
+    tables = {element.name: stream.read_table(element) for element in elements}
     if stream.bytes_left:
         raise InputError("it goes on after the last row that it announces.")
     return tables
@@ -87,7 +87,7 @@ def ply_vertices(tables: dict[str, Table]) -> Floats:
     return np.stack(columns, axis=1).astype(np.float64)  # type: ignore[arg-type]
 
 
-def _header(data: bytes) -> tuple[str, list[Element], bytes]:
+def _parse_header(data: bytes) -> tuple[str, list[Element], bytes]:
     """Return the encoding, the elements, and the bytes after the header of a PLY file's ``data``.
 
     Raise InputError if a line is damaged, ``ply``, ``end_header`` or the format is missing, or an element repeats a
@@ -129,7 +129,7 @@ def _parse_property(words: list[str]) -> Property | None:
     return None
 
 
-def _numbers(body: bytes) -> Floats:
+def _parse_numbers(body: bytes) -> Floats:
     """Return numbers (n,) in the text ``body``, separated by blanks, as float64; raise InputError for other words."""
     words = body.split()
     try:
@@ -140,13 +140,13 @@ def _numbers(body: bytes) -> Floats:
     raise InputError("it holds something else than numbers after its header.")
 
 
-def _of_doubles(element: Element) -> Element:
+def _with_double_types(element: Element) -> Element:
     """Return the element with the types of all its numbers and list lengths replaced by float64."""
     doubles = [Property(item.name, "f8", item.length and "f8") for item in element.properties]
     return Element(element.name, element.count, doubles)
 
 
-def _joined(element: Element, rows: list[list[np.ndarray]]) -> Table:
+def _join_rows(element: Element, rows: list[list[np.ndarray]]) -> Table:
     """Return the table of an element whose ``rows`` were read singly; each row has an array for each property."""
     table: Table = {}
     for place, one in enumerate(element.properties):
@@ -157,7 +157,7 @@ def _joined(element: Element, rows: list[list[np.ndarray]]) -> Table:
     return table
 
 
-def _length(value: Any) -> int:
+def _checked_length(value: Any) -> int:
     """Return ``value`` as an int; raise InputError unless it is whole and from 0 to :data:`MOST_LIST_ENTRIES`."""
     if not 0 <= value <= MOST_LIST_ENTRIES or value != int(value):
         raise InputError("it holds a list whose length is no whole number.")
@@ -175,7 +175,7 @@ class _Stream:
         """Number of bytes not yet read."""
         return len(self.data) - self.place
 
-    def table(self, element: Element) -> Table:
+    def read_table(self, element: Element) -> Table:
         """Return the table of the next element and move past it; raise InputError if the data end before its last row.
 
         An element without properties has an empty table.
@@ -184,19 +184,19 @@ class _Stream:
             return {}
         if element.count > self.bytes_left:
             raise InputError(CUT_OFF_SENTENCE.format(count=element.count, name=shown(element.name)))
-        if element.count and (table := self._alike(element)) is not None:
+        if element.count and (table := self._read_equal_rows(element)) is not None:
             return table
-        return _joined(element, [self._row(element) for _ in range(element.count)])
+        return _join_rows(element, [self._read_row(element) for _ in range(element.count)])
 
-    def _alike(self, element: Element) -> Table | None:
+    def _read_equal_rows(self, element: Element) -> Table | None:
         """Return the next element's table and move past it, if each list has one length in all rows; else return None.
 
         The position then stays. Raise InputError if the data end in the first row.
         """
         start = self.place
-        first = self._row(element)
+        first = self._read_row(element)
         self.place = start
-        record = self._record(element, first)
+        record = self._row_type(element, first)
         if element.count * record.itemsize > self.bytes_left:
             return None
         rows = np.frombuffer(self.data, record, element.count, start)
@@ -211,7 +211,7 @@ class _Stream:
         self.place = start + element.count * record.itemsize
         return table
 
-    def _record(self, element: Element, first: list[np.ndarray]) -> np.dtype[Any]:
+    def _row_type(self, element: Element, first: list[np.ndarray]) -> np.dtype[Any]:
         """Return the NumPy type of a row of ``element`` whose lists are as long as those of the ``first`` row read."""
         fields: list[Any] = []
         for place, (one, part) in enumerate(zip(element.properties, first, strict=True)):
@@ -220,15 +220,15 @@ class _Stream:
             fields.append((str(place), self.order + one.type, *([(len(part),)] if one.length else [])))
         return np.dtype(fields)
 
-    def _row(self, element: Element) -> list[np.ndarray]:
+    def _read_row(self, element: Element) -> list[np.ndarray]:
         """Return the next row of ``element``, an array for each property, and go on; raise InputError if data end."""
         row = []
         for item in element.properties:
-            count = _length(self._take(1, item.length, element)[0]) if item.length else 1
-            row.append(self._take(count, item.type, element))
+            count = _checked_length(self._read_numbers(1, item.length, element)[0]) if item.length else 1
+            row.append(self._read_numbers(count, item.type, element))
         return row
 
-    def _take(self, count: int, kind: str, element: Element) -> np.ndarray:
+    def _read_numbers(self, count: int, kind: str, element: Element) -> np.ndarray:
         """Return the next ``count`` numbers of the NumPy type ``kind`` and move past them.
 
         Raise InputError, which names ``element``, if the data end before.

@@ -32,7 +32,7 @@ class Polygons:
     corners: Ints
 
 
-def polygons_of(faces: Any) -> Polygons:
+def as_polygons(faces: Any) -> Polygons:
     """Return ``faces``, an array (m, c) of vertex numbers or a sequence of sequences of them, as polygons.
 
     Raise InputError if they are neither, are not whole numbers, there are none, or a face has fewer than three corners.
@@ -79,22 +79,22 @@ def _best_fans(vertices: Floats, corners: Ints, which: Ints) -> Ints:
     Raise InputError if one crosses itself.
     """
     count = corners.shape[1]
-    best, least = _fan(corners, 0), _least_share(vertices, _fan(corners, 0))
+    best, least = _fan(corners, 0), _least_area_share(vertices, _fan(corners, 0))
     for start in range(1, count):
         rows = np.flatnonzero(least < FIRST_FAN_AREA_SHARE)  # NaN, of vertices that are none, is left to later checks
         if not len(rows):
             break
         fan = _fan(corners[rows], start)
-        share = _least_share(vertices, fan)
+        share = _least_area_share(vertices, fan)
         better = share > least[rows] + AREA_ROUNDING_SHARE
         best[rows[better]], least[rows[better]] = fan[better], share[better]
     folded = np.flatnonzero(least < -AREA_ROUNDING_SHARE)
     if len(folded):
-        best[folded] = _ears(vertices, corners[folded], which[folded])
+        best[folded] = _clip_ears(vertices, corners[folded], which[folded])
     return best
 
 
-def _ears(vertices: Floats, corners: Ints, which: Ints) -> Ints:
+def _clip_ears(vertices: Floats, corners: Ints, which: Ints) -> Ints:
     """Return (m, c - 2, 3) the triangles of polygons ``corners`` (m, c), by clipping ears along their mean normals.
 
     ``which`` (m,) are their numbers. Raise InputError if one crosses itself.
@@ -123,7 +123,7 @@ def _fan(corners: Ints, start: int) -> Ints:
     return np.stack(np.broadcast_arrays(flipped[:, :1], flipped[:, middle], flipped[:, middle + 1]), axis=2)
 
 
-def _least_share(vertices: Floats, fan: Ints) -> Floats:
+def _least_area_share(vertices: Floats, fan: Ints) -> Floats:
     """Return (m,) the least signed area in each fan of triangles (m, t, 3) over their mean; negative if it folds back.
 
     0 where the areas sum to zero, and where vertices are not finite.

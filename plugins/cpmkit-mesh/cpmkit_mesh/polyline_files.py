@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, existing_file, read_array, read_bytes, shown
-from cpmkit_mesh.obj import VERTEX_LINE_WORDS, split_lines, zero_based
+from cpmkit_mesh.obj import VERTEX_LINE_WORDS, split_lines, zero_based_numbers
 from cpmkit_mesh.text import parse_floats, parse_ints, text_lines
 
 
@@ -31,7 +31,7 @@ def read_polyline(path: str | Path) -> np.ndarray:
         raise InputError(f"{shown(file.name)} cannot be read: {error.strerror or error}.") from error
 
 
-def _rows(data: bytes) -> Floats:
+def _parse_rows(data: bytes) -> Floats:
     """Return the numbers (n, d) of a text with one point in each line, separated by commas or blanks.
 
     Raise InputError if it is empty, a word is no number, or lines differ in length.
@@ -47,7 +47,7 @@ def _rows(data: bytes) -> Floats:
     return parse_floats([word for _, words in rows for word in words], columns, [number for number, _ in rows])
 
 
-def _obj_line(data: bytes) -> Floats:
+def _parse_obj_line(data: bytes) -> Floats:
     """Return the points (n, 3) of the line ``l`` in the bytes of an OBJ file, in order; consecutive lines are joined.
 
     Raise InputError if there is none, a line does not start where the last ended, or a row is damaged.
@@ -64,7 +64,7 @@ def _obj_line(data: bytes) -> Floats:
         elif words[0] == "l":
             lines, count = np.full(len(words) - 1, number), len(vertex_lines)
             numbers = parse_ints([word.partition("/")[0] for word in words[1:]], lines)
-            vertices = zero_based(numbers, np.full(len(numbers), count), count, lines).tolist()
+            vertices = zero_based_numbers(numbers, np.full(len(numbers), count), count, lines).tolist()
             if chain and vertices and vertices[0] != chain[-1]:
                 raise InputError(f"line {number} begins a second line, which does not go on where the first ended.")
             chain += vertices[1:] if chain else vertices
@@ -74,4 +74,9 @@ def _obj_line(data: bytes) -> Floats:
 
 
 #: By suffix; other files are read as those of NumPy.
-READERS: dict[str, Callable[[bytes], Floats]] = {".csv": _rows, ".txt": _rows, ".xyz": _rows, ".obj": _obj_line}
+READERS: dict[str, Callable[[bytes], Floats]] = {
+    ".csv": _parse_rows,
+    ".txt": _parse_rows,
+    ".xyz": _parse_rows,
+    ".obj": _parse_obj_line,
+}

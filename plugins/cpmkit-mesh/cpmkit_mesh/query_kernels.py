@@ -22,7 +22,7 @@ CONE_SLACK_COSINE = 1e-7
 
 
 @compiled
-def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, point, distance):
+def fill_nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, point, distance):
     """Find the nearest primitive, a triangle or segment, of each query ``x[start:stop]`` (n, 3).
 
     ``boxes``, ``nodes``, ``frames`` and ``shape`` are those of a ``BoxTree``. Written in rows start to stop are the
@@ -61,27 +61,27 @@ def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, point, dis
             else:
                 first = nodes[node, 1]
                 for s in range(first, first + nodes[node, 0]):
-                    square, v, w = _measure(px, py, pz, frames, s, shape[s])
+                    square, v, w = _measure_primitive(px, py, pz, frames, s, shape[s])
                     if square < best:
                         best, best_slot, best_v, best_w = square, s, v, w
         slot[i] = best_slot
-        _write(x, i, best_slot, best_v, best_w, frames, local, point, distance)
+        _write_nearest(x, i, best_slot, best_v, best_w, frames, local, point, distance)
 
 
 @compiled
-def project_onto(x, start, stop, frames, shape, slot, local, point, distance):
+def fill_projections(x, start, stop, frames, shape, slot, local, point, distance):
     """Write to rows ``start`` to ``stop`` the nearest point of each query on the primitive in its given ``slot`` (n,).
 
-    Arguments are as in :func:`nearest`; ``local``, ``point`` and ``distance`` are written.
+    Arguments are as in :func:`fill_nearest`; ``local``, ``point`` and ``distance`` are written.
     """
     for i in range(start, stop):
         s = np.uint64(slot[i])
-        _, v, w = _measure(x[i, 0], x[i, 1], x[i, 2], frames, s, shape[s])
-        _write(x, i, s, v, w, frames, local, point, distance)
+        _, v, w = _measure_primitive(x[i, 0], x[i, 1], x[i, 2], frames, s, shape[s])
+        _write_nearest(x, i, s, v, w, frames, local, point, distance)
 
 
 @compiled
-def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
+def find_local_minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
     """Return queries and slots of the local minima, up to ``radius``, of the distance from ``x[start:stop]`` (n, 3).
 
     ``boxes``, ``nodes``, ``frames`` and ``shape`` are those of a ``BoxTree``, ``patches`` the vertices (m, 3) of each
@@ -99,7 +99,7 @@ def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
         while waiting:
             waiting -= 1
             node = waiting_node[waiting]
-            if _box_square(px, py, pz, boxes, node) > limit or _leads_nowhere(px, py, pz, boxes, cones, node):
+            if _box_square(px, py, pz, boxes, node) > limit or _cone_misses_query(px, py, pz, boxes, cones, node):
                 continue
             begin = nodes[node, 1]
             if nodes[node, 0] == 0:
@@ -107,7 +107,7 @@ def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
                 waiting += 2
                 continue
             for s in range(begin, begin + nodes[node, 0]):
-                square, v, w = _measure(px, py, pz, frames, s, shape[s])
+                square, v, w = _measure_primitive(px, py, pz, frames, s, shape[s])
                 measured += 1
                 if square > limit:
                     continue
@@ -123,7 +123,7 @@ def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
 
 
 @inlined
-def _leads_nowhere(px, py, pz, boxes, cones, node):
+def _cone_misses_query(px, py, pz, boxes, cones, node):
     """Return whether no normal in the node's cone leads from its box to the query p (Johnson and Cohen 2001).
 
     At a local minimum the direction to the query is a normal, or a mean of those of the triangles around it. From all
@@ -148,7 +148,7 @@ def _has_lower_neighbour(px, py, pz, frames, shape, patches, s, square, v, w):
 
     The point, at v, w of slot s, has the squared distance ``square``; neighbours share the edge or corner on which it
     lies. Triangles are convex, and so is the distance over each: the point is a local minimum if no neighbour is
-    nearer. Of equal distances that in the lowest slot counts as nearer. ``patches`` is as in :func:`minima`.
+    nearer. Of equal distances that in the lowest slot counts as nearer. ``patches`` is as in :func:`find_local_minima`.
     """
     vertices, first, around = patches
     corner, other, parts = -1, -1, 0
@@ -166,7 +166,7 @@ def _has_lower_neighbour(px, py, pz, frames, shape, patches, s, square, v, w):
         if t == np.int64(s) or (parts == 2 and not shares):
             continue
         tested += 1
-        there, _, _ = _measure(px, py, pz, frames, np.uint64(t), shape[t])
+        there, _, _ = _measure_primitive(px, py, pz, frames, np.uint64(t), shape[t])
         if there < square or (there == square and t < np.int64(s)):
             return True, tested
     return False, tested
@@ -195,7 +195,7 @@ def mark_distinct_minima(rows, points, distance, relative, absolute, is_first):
 
 
 @inlined
-def _write(x, i, s, v, w, frames, local, point, distance):
+def _write_nearest(x, i, s, v, w, frames, local, point, distance):
     """Write to row i of the outputs point at v, w of the primitive in slot ``s``, and its distance from ``x[i]``."""
     local[i, 0] = v
     local[i, 1] = w
@@ -216,7 +216,7 @@ def _box_square(px, py, pz, boxes, node):
 
 
 @inlined
-def _measure(px, py, pz, frames, s, shape):
+def _measure_primitive(px, py, pz, frames, s, shape):
     """Return the squared distance from p to the primitive in slot ``s``, and v, w of its nearest point along its edges.
 
     ``frames`` (m, 3, 3) are those of a ``BoxTree``; ``shape`` is the formula: triangle, sliver or segment.

@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.plugin import Bools, Floats, InputError, Ints, Mesh, place
 from cpmkit_mesh.degenerate_triangles import find_caps, remove_caps
 from cpmkit_mesh.face_geometry import double_areas
-from cpmkit_mesh.mesh_files import at_same_place, distinct_faces
+from cpmkit_mesh.mesh_files import distinct_faces, group_equal_rows
 from cpmkit_mesh.rim_joining import merge_rim_vertices, split_t_junctions
 from cpmkit_mesh.topology import Topology, find_flipped_faces, topology
 
@@ -91,7 +91,7 @@ def repair_mesh(given_vertices: Floats, given_faces: Ints, weld: float | None = 
 def _weld(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return distinct positions (k, 3) of the vertices that ``faces`` (m, 3) use, and (m, 3) the faces between them."""
     used, compact = np.unique(faces, return_inverse=True)
-    first, place = at_same_place(vertices[used])
+    first, place = group_equal_rows(vertices[used])
     return vertices[used][first], place[compact.reshape(-1, 3)]
 
 

@@ -165,29 +165,29 @@ def _vertices_on_edges(points: Floats, cells: Ints, weld: float | None) -> tuple
         return rim, rim, rim, np.zeros(0)
     reach = np.zeros(len(points))
     reach[used] = joining_distance(points, cells, used, None)
-    edges, vertices = _pairs(points, cells, np.flatnonzero(at_rim), used, reach)
-    others = _pairs(points, cells, np.flatnonzero(~at_rim), rim, reach)
+    edges, vertices = _edge_vertex_pairs(points, cells, np.flatnonzero(at_rim), used, reach)
+    others = _edge_vertex_pairs(points, cells, np.flatnonzero(~at_rim), rim, reach)
     if weld is not None:
         reach[rim] = joining_distance(points, cells, rim, weld)
-        edges, vertices = _pairs(points, cells, np.flatnonzero(at_rim), rim, reach)
+        edges, vertices = _edge_vertex_pairs(points, cells, np.flatnonzero(at_rim), rim, reach)
     edge, vertex = np.append(edges, others[0]), np.append(vertices, others[1])
-    return edge // 3, edge % 3, vertex, _shares(points, cells, edge, vertex)[0]
+    return edge // 3, edge % 3, vertex, _edge_shares(points, cells, edge, vertex)[0]
 
 
-def _pairs(points: Floats, cells: Ints, edges: Ints, vertices: Ints, reach: Floats) -> tuple[Ints, Ints]:
+def _edge_vertex_pairs(points: Floats, cells: Ints, edges: Ints, vertices: Ints, reach: Floats) -> tuple[Ints, Ints]:
     """Return (k,) and (k,) the pairs of an edge and a vertex inside it, up to the vertex's ``reach`` (n,).
 
     ``edges`` are numbers 3 cell + edge of edges of ``cells`` (m, 3), ``vertices`` the candidates.
     """
-    start, end = _ends(cells, edges)
+    start, end = _edge_ends(cells, edges)
     middle, half = 0.5 * (points[start] + points[end]), 0.5 * norms(points[end] - points[start])
     size = np.floor(np.log2(half, where=half > 0, out=np.zeros(len(half))))
     pairs = [(edges[:0], vertices[:0])]
     for exponent in np.unique(size):  # edges of similar length, so that no ball is much too large
         members = np.flatnonzero(size == exponent)
-        rows, columns = _pairs_within(points[vertices], middle[members], half[members].max() + reach[vertices])
+        rows, columns = _close_pairs(points[vertices], middle[members], half[members].max() + reach[vertices])
         edge, vertex = edges[members[columns]], vertices[rows]
-        share, off = _shares(points, cells, edge, vertex)
+        share, off = _edge_shares(points, cells, edge, vertex)
         length, least = 2 * half[members[columns]], reach[vertex]
         inside = (share * length > least) & ((1 - share) * length > least)
         is_foreign = (cells[edge // 3] != vertex[:, None]).all(axis=1)
@@ -197,7 +197,7 @@ def _pairs(points: Floats, cells: Ints, edges: Ints, vertices: Ints, reach: Floa
     return edge, vertex
 
 
-def _pairs_within(points: Floats, others: Floats, distance: Floats) -> tuple[Ints, Ints]:
+def _close_pairs(points: Floats, others: Floats, distance: Floats) -> tuple[Ints, Ints]:
     """Return (k,) and (k,) the row numbers of all pairs of ``points`` (n, 3) and ``others`` within ``distance`` (n,).
 
     If there are fewer others than points, the largest of the distances holds for all.
@@ -205,23 +205,23 @@ def _pairs_within(points: Floats, others: Floats, distance: Floats) -> tuple[Int
     from scipy.spatial import cKDTree
 
     if len(others) < len(points):
-        columns, rows = _pairs_within(others, points, np.full(len(others), distance.max()))
+        columns, rows = _close_pairs(others, points, np.full(len(others), distance.max()))
         return rows, columns
     lists = cKDTree(others).query_ball_point(points, distance)
     rows = np.repeat(np.arange(len(points)), np.fromiter(map(len, lists), np.int64, len(lists)))
     return rows, np.fromiter(chain.from_iterable(lists), np.int64, len(rows))
 
 
-def _shares(points: Floats, cells: Ints, edge: Ints, vertex: Ints) -> tuple[Floats, Floats]:
+def _edge_shares(points: Floats, cells: Ints, edge: Ints, vertex: Ints) -> tuple[Floats, Floats]:
     """Return (k,) the shares of edges at which vertices project on them, and (k,) their distances from the lines.
 
     ``edge`` (k,) are numbers 3 cell + edge of ``cells`` (m, 3), ``vertex`` (k,) vertices.
     """
-    start, end = _ends(cells, edge)
+    start, end = _edge_ends(cells, edge)
     way, off = points[end] - points[start], points[vertex] - points[start]
     share = dots(off, way) / dots(way, way)
     return share, norms(off - share[:, None] * way)
 
 
-def _ends(cells: Ints, edge: Ints) -> tuple[Ints, Ints]:
+def _edge_ends(cells: Ints, edge: Ints) -> tuple[Ints, Ints]:
     return cells[edge // 3, (edge + 1) % 3], cells[edge // 3, (edge + 2) % 3]

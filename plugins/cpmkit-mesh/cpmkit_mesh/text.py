@@ -23,11 +23,11 @@ def parse_floats(words: Sequence[str], per_line: int, lines: Sequence[int]) -> F
     Raise InputError, which names the line but does not repeat its text, if a word is no number.
     """
     try:
-        if _plain(words):
+        if _is_plain(words):
             return np.array([float(word) for word in words]).reshape(-1, per_line)
     except ValueError:
         pass
-    raise InputError(f"line {lines[_first_bad(words, float) // per_line]} holds something else than numbers.")
+    raise InputError(f"line {lines[_first_bad_position(words, float) // per_line]} holds something else than numbers.")
 
 
 def parse_ints(words: Sequence[str], lines: Ints) -> Ints:
@@ -36,30 +36,32 @@ def parse_ints(words: Sequence[str], lines: Ints) -> Ints:
     Raise InputError, which names the line but does not repeat its text, if a word is no whole number, or too long.
     """
     try:
-        if _plain(words):
+        if _is_plain(words):
             return np.array([int(word) for word in words], dtype=np.int64)
     except (ValueError, OverflowError):
         pass
-    raise InputError(f"line {lines[_first_bad(words, _short_int)]} holds something else than numbers of vertices.")
+    raise InputError(
+        f"line {lines[_first_bad_position(words, _parse_short_int)]} holds something else than numbers of vertices."
+    )
 
 
-def _plain(words: Sequence[str]) -> bool:
+def _is_plain(words: Sequence[str]) -> bool:
     """Return whether ``words`` are ASCII without underscores, which Python alone accepts in numbers."""
     text = "".join(words)
     return text.isascii() and "_" not in text
 
 
-def _short_int(word: str) -> int:
+def _parse_short_int(word: str) -> int:
     if len(word) > 18:
         raise ValueError
     return int(word)
 
 
-def _first_bad(words: Sequence[str], read: type[float] | object) -> int:
+def _first_bad_position(words: Sequence[str], read: type[float] | object) -> int:
     """Return position of the first word that the conversion ``read`` refuses; the last position if it accepts all."""
     for place, word in enumerate(words):
         try:
-            if not _plain([word]):
+            if not _is_plain([word]):
                 return place
             read(word)  # type: ignore[operator]
         except ValueError:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cpmkit_mesh import triangles
-from cpmkit_mesh.corner_normals import ROUGH_CHORD_RADIANS, corner_normals, fit_to_chords
+from cpmkit_mesh.corner_normals import ROUGH_CHORD_RADIANS, corner_normals, fit_normals_to_chords
 from cpmkit_mesh.topology import topology
 from scipy.spatial import ConvexHull
 
@@ -19,7 +19,7 @@ def at_vertices(points, faces):
 def averages(points, faces):
     """Return the normals before they are tilted: averages over the triangles around each vertex."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cpmkit_mesh.corner_normals.fit_to_chords", lambda *arguments: arguments[3])
+        patch.setattr("cpmkit_mesh.corner_normals.fit_normals_to_chords", lambda *arguments: arguments[3])
         normals = np.zeros_like(points)
         normals[faces.ravel()] = corner_normals(points, faces, topology(points, faces)).reshape(-1, 3)
     return normals
@@ -101,7 +101,7 @@ def test_tilts_are_those_of_least_squares(sphere):
     assert 1e-3 < np.linalg.norm(tilt, axis=1).max() < 0.1
     after = before + tilt
     after /= np.linalg.norm(after, axis=1, keepdims=True)
-    np.testing.assert_allclose(fit_to_chords(points, faces, topology(points, faces), before), after, atol=1e-10)
+    np.testing.assert_allclose(fit_normals_to_chords(points, faces, topology(points, faces), before), after, atol=1e-10)
 
 
 def test_creases_are_hardly_tilted():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cpmkit_mesh import triangles
-from cpmkit_mesh.box_tree import build_tree, project_onto
+from cpmkit_mesh.box_tree import build_tree, project_onto_primitives
 from cpmkit_mesh.conformance import cases
 from cpmkit_mesh.local_minima import local_minima
 
@@ -51,8 +51,8 @@ def all_minima(mesh, x, radius):
     corners = mesh.vertices[mesh.faces]
     tree, count = build_tree(corners), len(corners)
     slots = np.arange(count)
-    feet = project_onto(tree, np.repeat(x[None], count, axis=0), slots)
-    pairs = project_onto(tree, np.repeat(feet.point, count, axis=0), np.tile(slots, count))
+    feet = project_onto_primitives(tree, np.repeat(x[None], count, axis=0), slots)
+    pairs = project_onto_primitives(tree, np.repeat(feet.point, count, axis=0), np.tile(slots, count))
     touches = pairs.distance.reshape(count, count) < 1e-9
     least = np.where(touches, feet.distance, np.inf).min(axis=1)
     minimal = (feet.distance <= least + 1e-12) & (feet.distance <= radius)

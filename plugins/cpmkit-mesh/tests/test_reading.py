@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from cpmkit_mesh import read_mesh, triangles
-from cpmkit_mesh.mesh_files import at_same_place
+from cpmkit_mesh.mesh_files import group_equal_rows
 
 from cpmkit.errors import InputError
 
@@ -75,7 +75,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 def test_welding_keeps_the_order_and_joins_only_equal_points():
     points = np.array([[2.0, 0, 0], [1, 0, 0], [2, 0, 0], [-0.0, 0, 0], [1, 0, 1e-16], [0.0, 0, 0]])
-    first, place = at_same_place(points)
+    first, place = group_equal_rows(points)
     np.testing.assert_array_equal(first, [0, 1, 3, 4])
     np.testing.assert_array_equal(place, [0, 1, 0, 2, 3, 2])
 

@@ -53,17 +53,17 @@ class Blend:
             frames = np.zeros((len(self.points), 3, 3))
             frames[:, ::2, :2] = patches.frames
             frames[:, 1, 2] = 1.0
-        samples = (_in_space(self.points), frames, patches.radii, patches.coefficients)
+        samples = (_pad_to_3d(self.points), frames, patches.radii, patches.coefficients)
         return (*samples, patches.degree, self.starts, self.reaching)
 
 
-def shrunk(patches: Patches, share: float) -> Patches:
+def shrink_patches(patches: Patches, share: float) -> Patches:
     """Return patches of the same height fields, with their radii and units multiplied by ``share``."""
     total = np.sum(exponents(patches.degree), axis=1)
     return replace(patches, radii=share * patches.radii, coefficients=patches.coefficients * share ** (total - 1.0))
 
 
-def blend(points: Floats, patches: Patches, normals: Floats | None) -> Blend:
+def blend_patches(points: Floats, patches: Patches, normals: Floats | None) -> Blend:
     """Return the blend of ``patches`` (one for each of ``points`` (n, d)), with lists of the patches near each sample.
 
     With ``normals`` (n, d), patches whose normal points the other way are not listed: they are of another sheet.
@@ -86,7 +86,7 @@ def blend(points: Floats, patches: Patches, normals: Floats | None) -> Blend:
     return Blend(points, patches, starts, patch[np.argsort(sample, kind="stable")])
 
 
-def project(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: bool) -> tuple[Floats, Ints, Ints, Bools]:
+def find_feet(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: bool) -> tuple[Floats, Ints, Ints, Bools]:
     """Return the feet (n, d) of ``x``, the sample (n,) nearest to each, its edge (n,), and (n,) which are doubtful.
 
     ``nearest`` (n,) are the samples nearest to ``x``, ``tiny`` is the length of a last step. If ``closed``, no foot has
@@ -97,10 +97,10 @@ def project(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: bool)
     n, dim = x.shape
     foot, element, edge = np.empty((n, 3)), np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     doubtful = np.empty(n, dtype=np.bool_)
-    cloud, x = surface.arrays, _in_space(x)
+    cloud, x = surface.arrays, _pad_to_3d(x)
 
     def work(start: int, stop: int) -> None:
-        kernels.project(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, doubtful)
+        kernels.fill_feet(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, doubtful)
 
     run_parcels(work, n, BLEND_PARCEL_QUERIES)
     return np.ascontiguousarray(foot[:, :dim]), element, edge, doubtful
@@ -112,11 +112,13 @@ def surface_normals(surface: Blend, feet: Floats, element: Ints) -> Floats:
 
     n, dim = feet.shape
     normal = np.empty((n, 3))
-    cloud, y = surface.arrays, _in_space(feet)
-    run_parcels(lambda start, stop: kernels.normals(y, start, stop, element, cloud, normal), n, BLEND_PARCEL_QUERIES)
+    cloud, y = surface.arrays, _pad_to_3d(feet)
+    run_parcels(
+        lambda start, stop: kernels.fill_normals(y, start, stop, element, cloud, normal), n, BLEND_PARCEL_QUERIES
+    )
     return np.ascontiguousarray(normal[:, :dim])
 
 
-def _in_space(points: Floats) -> Floats:
+def _pad_to_3d(points: Floats) -> Floats:
     """Return (n, 3) points, those of the plane with a third coordinate of zero."""
     return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])

@@ -21,12 +21,12 @@ from cpmkit.plugin import (
     positive,
     source_repr,
 )
-from cpmkit_pointcloud.blend import Blend, project, surface_normals
+from cpmkit_pointcloud.blend import Blend, find_feet, surface_normals
 from cpmkit_pointcloud.floor import SLOPE_SAMPLES, fitted_floor, integral_floor, slope_error
 from cpmkit_pointcloud.patches import curvatures
-from cpmkit_pointcloud.rim import open_samples
-from cpmkit_pointcloud.samples import as_cells, query_nearest_samples, thin_out, tree_of
-from cpmkit_pointcloud.values import weights_at
+from cpmkit_pointcloud.rim import count_open_samples
+from cpmkit_pointcloud.samples import as_cells, build_kd_tree, query_nearest_samples, thin_out
+from cpmkit_pointcloud.values import interpolation_weights
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -104,7 +104,7 @@ class PointCloud:
         return int((self.surface.patches.thickness > THICK_SPREAD_SHARE).sum())
 
     @cached_property
-    def _first(self) -> PointCloud:
+    def _original(self) -> PointCloud:
         """The cloud before translation, or itself: it caches quantities that do not depend on the position."""
         return self
 
@@ -120,8 +120,8 @@ class PointCloud:
         Farther out the nearest foot may be another than the one that was found, and ``distance`` is a lower
         bound: the distance to the samples less :attr:`gap`, but not less than this.
         """
-        if self._first is not self:
-            return self._first.trusted_distance
+        if self._original is not self:
+            return self._original.trusted_distance
         bend = float(curvatures(self.surface.patches).max())
         extent = float(np.linalg.norm(np.ptp(self.points, axis=0)))
         return min(extent, TRUSTED_RADIUS_SHARE / bend) if bend > 0.0 else extent
@@ -136,7 +136,7 @@ class PointCloud:
         """
         x = as_points(x, self.dim)
         to_samples, nearest = query_nearest_samples(self._tree, x)
-        feet, sample, edge, doubtful = project(self.surface, x, nearest, self._tiny, self.closed)
+        feet, sample, edge, doubtful = find_feet(self.surface, x, nearest, self._tiny, self.closed)
         lost = ~np.isfinite(feet).all(axis=1)
         if lost.any():
             raise InputError(
@@ -156,8 +156,8 @@ class PointCloud:
         Of points at the same place the first one's data count.
         """
         values = one_row_each(values, self.value_count, "points")
-        tangents = self.surface.patches.frames[self._samples(feet), :-1]
-        index, weights = weights_at(feet.points, self.points, self._tree, tangents)
+        tangents = self.surface.patches.frames[self._sample_rows(feet), :-1]
+        index, weights = interpolation_weights(feet.points, self.points, self._tree, tangents)
         return np.einsum("nk,nk...->n...", weights, values[self.given[index]])
 
     def advice(self, spacing: float, /) -> Advice:
@@ -198,9 +198,9 @@ class PointCloud:
     @cached_property
     def open_samples(self) -> tuple[int, int]:
         """Number of samples at which the surface ends, 0 if that may be chance, and number of samples examined."""
-        if self._first is not self:
-            return self._first.open_samples
-        return open_samples(self.surface, self._tree, self._tiny)
+        if self._original is not self:
+            return self._original.open_samples
+        return count_open_samples(self.surface, self._tree, self._tiny)
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return the feet (v, d) of the samples, thinned to about half of ``spacing``, as cells (v, 1)."""
@@ -216,25 +216,25 @@ class PointCloud:
         shift = as_vector(offset, self.dim, "offset")
         moved = replace(self.surface, points=self.points + shift)
         made = replace(self, surface=moved, given_points=self.given_points + shift)
-        made.__dict__["_first"] = self._first
+        made.__dict__["_original"] = self._original
         return made
 
-    def _samples(self, feet: ClosestPoints) -> Ints:
+    def _sample_rows(self, feet: ClosestPoints) -> Ints:
         if feet.element is None:
             raise InputError("feet must be records that this cloud answered: they lack element.")
         return np.searchsorted(self.given, feet.element)
 
     @cached_property
     def _slope(self) -> tuple[float, float]:
-        if self._first is not self:
-            return self._first._slope
+        if self._original is not self:
+            return self._original._slope
         return slope_error(self.points, self.surface.patches, self._tree, self._sides)
 
     @cached_property
     def _noise(self) -> float:
         """How far samples lie from the surface, root mean square, as a share of its extent."""
-        if self._first is not self:
-            return self._first._noise
+        if self._original is not self:
+            return self._original._noise
         count = len(self.points)
         rows = np.sort(np.random.default_rng(0).choice(count, min(SLOPE_SAMPLES, count), replace=False))
         off = self.points[rows] - self.closest_point(self.points[rows]).points
@@ -252,7 +252,7 @@ class PointCloud:
 
     @cached_property
     def _tree(self) -> cKDTree:
-        return tree_of(self.points)
+        return build_kd_tree(self.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +275,7 @@ class OrientedPointCloud(PointCloud):
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
         """Return (n, d) unit normals of the surface at ``feet``, on the side of the given normals."""
-        sample = self._samples(feet)
+        sample = self._sample_rows(feet)
         normal = surface_normals(self.surface, feet.points, sample)
         against = np.einsum("nd,nd->n", normal, self.sample_normals[sample]) < 0.0
         return np.where(against[:, None], -normal, normal)

@@ -24,7 +24,7 @@ def cases() -> list[ConformanceCase]:
     """
     from cpmkit.plugin import ConformanceCase
 
-    ball, ring = sphere(2000), torus(3000)
+    ball, ring = sphere_samples(2000), torus_samples(3000)
     kind = "pointcloud.points"
     far = ball * 1e-3 + [5.0, -3.0, 1.0]
     return [
@@ -32,12 +32,12 @@ def cases() -> list[ConformanceCase]:
         ConformanceCase(kind, "sphere with normals", partial(points, points=ball, normals=ball), None, 0.4),
         ConformanceCase(kind, "small sphere far from zero", partial(points, points=far), None, 4e-4),
         ConformanceCase(kind, "torus of degree 4", partial(points, points=ring, degree=4), None, 0.1),
-        ConformanceCase(kind, "curve", partial(points, points=ellipse(200)), None, 0.1),
-        ConformanceCase(kind, "nearest", partial(points, points=ball, method="nearest"), _among(ball)),
+        ConformanceCase(kind, "curve", partial(points, points=ellipse_samples(200)), None, 0.1),
+        ConformanceCase(kind, "nearest", partial(points, points=ball, method="nearest"), _row_sampler(ball)),
     ]
 
 
-def sphere(count: int) -> Floats:
+def sphere_samples(count: int) -> Floats:
     """Return points of the unit sphere, evenly spread along a Fibonacci spiral."""
     i = np.arange(count) + 0.5
     z, angle = 1.0 - 2.0 * i / count, np.pi * (1.0 + np.sqrt(5.0)) * i
@@ -45,7 +45,7 @@ def sphere(count: int) -> Floats:
     return np.stack([around * np.cos(angle), around * np.sin(angle), z], axis=1)
 
 
-def torus(count: int, seed: int = 0) -> Floats:
+def torus_samples(count: int, seed: int = 0) -> Floats:
     """Return ``count`` random points of the torus of radii 1 and 0.4, uniform by area; ``seed`` fixes them."""
     rng = np.random.default_rng(seed)
     u, v, keep = rng.uniform(0.0, 1.0, (3, 3 * count))
@@ -55,11 +55,11 @@ def torus(count: int, seed: int = 0) -> Floats:
     return np.stack([around * np.cos(u), around * np.sin(u), 0.4 * np.sin(v)], axis=1)[kept]
 
 
-def ellipse(count: int) -> Floats:
+def ellipse_samples(count: int) -> Floats:
     """Return points of the ellipse with the half axes 1 and 0.6."""
     angle = 2 * np.pi * np.arange(count) / count
     return np.stack([np.cos(angle), 0.6 * np.sin(angle)], axis=1)
 
 
-def _among(cloud: Floats) -> Draw:
+def _row_sampler(cloud: Floats) -> Draw:
     return lambda rng, n: cloud[rng.integers(0, len(cloud), n)]

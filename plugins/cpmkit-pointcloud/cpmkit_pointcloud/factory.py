@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, shown
-from cpmkit_pointcloud.blend import REACHED_NEIGHBOURS, blend, shrunk
+from cpmkit_pointcloud.blend import REACHED_NEIGHBOURS, blend_patches, shrink_patches
 from cpmkit_pointcloud.cloud import OrientedPointCloud, PointCloud
 from cpmkit_pointcloud.nearest import NearestSamples
 from cpmkit_pointcloud.patches import exponents, fit_patches, neighbourhoods
-from cpmkit_pointcloud.reading import as_cloud, as_normals, first_of_each, read_points
-from cpmkit_pointcloud.samples import tree_of
+from cpmkit_pointcloud.reading import as_cloud, as_normals, distinct_point_rows, read_points
+from cpmkit_pointcloud.samples import build_kd_tree
 
 #: A cloud that ends at a larger share of its samples is open; at fewer it may only be sampled too thinly there.
 OPEN_RIM_SHARE = 0.01
@@ -73,11 +73,11 @@ def points(
     cloud_normals = None
     if normals is not None:
         cloud_normals = as_normals(read_points(normals) if isinstance(normals, (str, Path)) else normals, cloud_points)
-    count = _neighbours(degree, neighbours, cloud_points.shape[1])
+    count = _neighbour_count(degree, neighbours, cloud_points.shape[1])
     return _fit_cloud(cloud_points, cloud_normals, degree, count, bool(closed))
 
 
-def _neighbours(degree: Any, neighbours: Any, dim: int) -> int:
+def _neighbour_count(degree: Any, neighbours: Any, dim: int) -> int:
     """Return how many neighbours a fit uses, None for the default; raise InputError for a bad ``degree`` or number."""
     if degree not in FIT_NEIGHBOURS[dim]:
         raise InputError(f"degree must be 1, 2, 3 or 4, got {shown(degree)}.")
@@ -91,7 +91,7 @@ def _neighbours(degree: Any, neighbours: Any, dim: int) -> int:
 
 
 def _fit_cloud(cloud_points: Floats, normals: Floats | None, degree: int, count: int, closed: bool) -> PointCloud:
-    first = first_of_each(cloud_points)
+    first = distinct_point_rows(cloud_points)
     points, dim = cloud_points[first], cloud_points.shape[1]
     if len(points) < dim + 1:
         raise InputError(
@@ -101,11 +101,11 @@ def _fit_cloud(cloud_points: Floats, normals: Floats | None, degree: int, count:
     normals = None if normals is None else normals[first]
     count = min(count, len(points))
     rows = np.arange(len(points))
-    around = neighbourhoods(points, tree_of(points), count, normals, rows)
+    around = neighbourhoods(points, build_kd_tree(points), count, normals, rows)
     patches = fit_patches(points, around, degree, rows)
     reached = FIT_NEIGHBOURS[2][4] if dim == 2 else REACHED_NEIGHBOURS
     share = min(1.0, (reached / count) ** (1.0 / (dim - 1)))
-    surface = blend(points, shrunk(patches, share), normals)
+    surface = blend_patches(points, shrink_patches(patches, share), normals)
     cloud = (
         PointCloud(surface, first, len(cloud_points), closed, cloud_points)
         if normals is None

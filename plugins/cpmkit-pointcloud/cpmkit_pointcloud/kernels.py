@@ -35,7 +35,7 @@ FALSE_POSITION_ROUNDS, ALONG_RIM_ROUNDS, LAST_RIM_STEP_RADII = 60, 30, 1e-6
 
 
 @compiled
-def _height(coefficients, degree, a, b):
+def _polynomial_and_derivatives(coefficients, degree, a, b):
     """Return the polynomial sum c_ij a^i b^j with its first and second derivatives, by Horner's rule in b and in a."""
     q = qa = qb = qaa = qab = qbb = 0.0
     t = len(coefficients)
@@ -56,7 +56,7 @@ def _height(coefficients, degree, a, b):
 
 
 @compiled
-def _blend(y, j, cloud):
+def _evaluate_blend(y, j, cloud):
     """Return f and its gradient at ``y``, oriented by the patch of sample ``j``; a gradient of zero: no patch reaches.
 
     The last three numbers are the weighted mean of the samples around, relative to ``y`` and to their radii.
@@ -74,7 +74,7 @@ def _blend(y, j, cloud):
         a = (e[0, 0] * ux + e[0, 1] * uy + e[0, 2] * uz) / r
         b = (e[1, 0] * ux + e[1, 1] * uy + e[1, 2] * uz) / r
         c = e[2, 0] * ux + e[2, 1] * uy + e[2, 2] * uz
-        q, qa, qb, _, _, _ = _height(coefficients[i], degree, a, b)
+        q, qa, qb, _, _, _ = _polynomial_and_derivatives(coefficients[i], degree, a, b)
         o = frames[j, 2]
         sign = -1.0 if e[2, 0] * o[0] + e[2, 1] * o[1] + e[2, 2] * o[2] < 0.0 else 1.0
         h = sign * (c - r * q)
@@ -117,7 +117,7 @@ def _nearest_sample(y, j, cloud):
 
 
 @compiled
-def _tangential(x, y, g, j, cloud):
+def _tangential_step(x, y, g, j, cloud):
     """Return Newton's step along the surface towards the foot of ``x``, as a vector at right angles to ``g``.
 
     The second derivatives are those of the patch of sample ``j`` alone: what they lack is of the order of its
@@ -130,7 +130,7 @@ def _tangential(x, y, g, j, cloud):
     p /= np.sqrt(p @ p)
     s = np.array([n[1] * p[2] - n[2] * p[1], n[2] * p[0] - n[0] * p[2], n[0] * p[1] - n[1] * p[0]])
     u = y - points[j]
-    _, _, _, qaa, qab, qbb = _height(coefficients[j], degree, (e[0] @ u) / r, (e[1] @ u) / r)
+    _, _, _, qaa, qab, qbb = _polynomial_and_derivatives(coefficients[j], degree, (e[0] @ u) / r, (e[1] @ u) / r)
     away = x - y
     multiplier = (away @ g) / (g @ g)
     pa, pb, sa, sb = e[0] @ p, e[1] @ p, e[0] @ s, e[1] @ s
@@ -147,11 +147,11 @@ def _tangential(x, y, g, j, cloud):
 
 
 @compiled
-def _project_onto_surface(y, j, cloud, tiny):
+def _move_to_surface(y, j, cloud, tiny):
     """Move ``y`` onto the surface along the gradient, to rounding; return the nearest sample."""
     for _ in range(MOST_LANDINGS):
         j = _nearest_sample(y, j, cloud)
-        f, gx, gy, gz, _, _, _ = _blend(y, j, cloud)
+        f, gx, gy, gz, _, _, _ = _evaluate_blend(y, j, cloud)
         square = gx * gx + gy * gy + gz * gz
         if square == 0.0:
             return j
@@ -165,7 +165,7 @@ def _project_onto_surface(y, j, cloud, tiny):
 
 
 @compiled
-def _search(x, y, j, cloud, tiny):
+def _search_foot(x, y, j, cloud, tiny):
     """Move ``y`` (3,) in place from sample ``j`` to the foot of ``x`` (3,); return its sample and whether it converged.
 
     A search that leaves the reach of all patches ends at a place that one still reaches.
@@ -174,20 +174,20 @@ def _search(x, y, j, cloud, tiny):
     reach = np.sqrt((x - y) @ (x - y))
     g, last, last_sample = np.empty(3), y.copy(), j
     for _ in range(MOST_SEARCH_ROUNDS):
-        f, g[0], g[1], g[2], _, _, _ = _blend(y, j, cloud)
+        f, g[0], g[1], g[2], _, _, _ = _evaluate_blend(y, j, cloud)
         square = g @ g
         if square == 0.0:
             # Half way back again and again; in the end to the last place itself, and the sample that reached it.
             for _ in range(STEP_HALVINGS):
                 y[:] = 0.5 * (y + last)
                 j = _nearest_sample(y, j, cloud)
-                f, g[0], g[1], g[2], _, _, _ = _blend(y, j, cloud)
+                f, g[0], g[1], g[2], _, _, _ = _evaluate_blend(y, j, cloud)
                 if g @ g > 0.0:
                     return j, False
             y[:] = last
             return last_sample, False
         last[:], last_sample = y, j
-        step = _tangential(x, y, g, j, cloud) - (f / square) * g
+        step = _tangential_step(x, y, g, j, cloud) - (f / square) * g
         length = np.sqrt(step @ step)
         if length > STRIDE_RADII * radii[j]:
             step *= STRIDE_RADII * radii[j] / length
@@ -201,14 +201,14 @@ def _search(x, y, j, cloud, tiny):
 @compiled
 def _distance_beyond_rim(y, j, cloud):
     """Return |mean offset of samples around ``y``| - :data:`BEYOND_RIM_RADII`, in radii: above zero beyond the rim."""
-    _, _, _, _, mx, my, mz = _blend(y, j, cloud)
+    _, _, _, _, mx, my, mz = _evaluate_blend(y, j, cloud)
     return np.sqrt(mx * mx + my * my + mz * mz) - BEYOND_RIM_RADII
 
 
 @compiled
-def _outward(y, j, cloud):
+def _outward_direction(y, j, cloud):
     """Return the unit vector (3,) tangential to the surface at ``y`` that points away from the samples around."""
-    _, gx, gy, gz, mx, my, mz = _blend(y, j, cloud)
+    _, gx, gy, gz, mx, my, mz = _evaluate_blend(y, j, cloud)
     along = (gx * mx + gy * my + gz * mz) / (gx * gx + gy * gy + gz * gz)
     away = np.array([along * gx - mx, along * gy - my, along * gz - mz])
     return away / np.sqrt(away @ away)
@@ -217,7 +217,7 @@ def _outward(y, j, cloud):
 @compiled
 def _move_to_rim(y, j, cloud, tiny):
     """Move ``y`` along the surface to where the samples are just left behind, by false position; return its sample."""
-    away, pace = _outward(y, j, cloud), PACE_RADII * cloud[2][j]
+    away, pace = _outward_direction(y, j, cloud), PACE_RADII * cloud[2][j]
     start, low, high = y.copy(), 0.0, 0.0
     at_low = at_high = _distance_beyond_rim(y, j, cloud)
     for _ in range(MOST_PACES):
@@ -228,7 +228,7 @@ def _move_to_rim(y, j, cloud, tiny):
         else:
             low, at_low, high = high, at_high, high + pace
         y[:] = start + (low if at_high > 0.0 else high) * away
-        j = _project_onto_surface(y, j, cloud, tiny)
+        j = _move_to_surface(y, j, cloud, tiny)
         if at_high > 0.0:
             at_low = _distance_beyond_rim(y, j, cloud)
         else:
@@ -239,7 +239,7 @@ def _move_to_rim(y, j, cloud, tiny):
     for _ in range(FALSE_POSITION_ROUNDS):
         middle = low if at_high == at_low else (low * at_high - high * at_low) / (at_high - at_low)
         y[:] = start + middle * away
-        j = _project_onto_surface(y, j, cloud, tiny)
+        j = _move_to_surface(y, j, cloud, tiny)
         value = _distance_beyond_rim(y, j, cloud)
         if abs(value) <= ON_RIM_ACCURACY or high - low <= tiny:
             return j
@@ -253,25 +253,25 @@ def _move_to_rim(y, j, cloud, tiny):
 
 
 @compiled
-def _along_rim(x, y, j, cloud, tiny):
+def _move_along_rim(x, y, j, cloud, tiny):
     """Move ``y`` to the foot of ``x`` on the rim: across to the rim and along it by turns; return its sample."""
     j = _move_to_rim(y, j, cloud, tiny)
     for _ in range(ALONG_RIM_ROUNDS):
-        away = _outward(y, j, cloud)
-        _, gx, gy, gz, _, _, _ = _blend(y, j, cloud)
+        away = _outward_direction(y, j, cloud)
+        _, gx, gy, gz, _, _, _ = _evaluate_blend(y, j, cloud)
         s = np.array([gy * away[2] - gz * away[1], gz * away[0] - gx * away[2], gx * away[1] - gy * away[0]])
         step = ((x - y) @ s) / (s @ s)
         step = min(max(step * np.sqrt(s @ s), -PACE_RADII * cloud[2][j]), PACE_RADII * cloud[2][j])
         if abs(step) <= LAST_RIM_STEP_RADII * cloud[2][j]:
             return j
         y += step * s / np.sqrt(s @ s)
-        j = _project_onto_surface(y, _nearest_sample(y, j, cloud), cloud, tiny)
+        j = _move_to_surface(y, _nearest_sample(y, j, cloud), cloud, tiny)
         j = _move_to_rim(y, j, cloud, tiny)
     return j
 
 
 @compiled
-def project(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, doubtful):
+def fill_feet(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, doubtful):
     """Fill the records of the queries ``start`` to ``stop``, from their nearest samples.
 
     The surface goes on for a while beyond the rim of an open cloud, and into holes, where the samples that reach
@@ -282,23 +282,23 @@ def project(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, d
     y = np.empty(3)
     for k in range(start, stop):
         y[:] = points[nearest[k]]
-        j, converged = _search(x[k], y, nearest[k], cloud, tiny)
+        j, converged = _search_foot(x[k], y, nearest[k], cloud, tiny)
         if not converged and closed:
             j = nearest[k]
             y[:] = points[j]
-        j = _project_onto_surface(y, j, cloud, tiny)
+        j = _move_to_surface(y, j, cloud, tiny)
         beyond = _distance_beyond_rim(y, j, cloud)
         if not closed and beyond > ON_RIM_ACCURACY:
-            j = _along_rim(x[k], y, j, cloud, tiny)
+            j = _move_along_rim(x[k], y, j, cloud, tiny)
             beyond, converged = _distance_beyond_rim(y, j, cloud), True
         edge[k] = 0 if not closed and beyond > -ON_RIM_ACCURACY else -1
         foot[k], element[k], doubtful[k] = y, j, not converged or beyond > ON_RIM_ACCURACY
 
 
 @compiled
-def normals(y, start, stop, element, cloud, normal):
+def fill_normals(y, start, stop, element, cloud, normal):
     """Fill ``normal`` (n, 3) with unit gradients at feet ``y``, on the side of the patch of sample ``element`` (n,)."""
     g = np.empty(3)
     for k in range(start, stop):
-        _, g[0], g[1], g[2], _, _, _ = _blend(y[k], element[k], cloud)
+        _, g[0], g[1], g[2], _, _, _ = _evaluate_blend(y[k], element[k], cloud)
         normal[k] = g / np.sqrt(g @ g)

@@ -21,7 +21,7 @@ from cpmkit.plugin import (
     source_repr,
 )
 from cpmkit_pointcloud.floor import plain_floor
-from cpmkit_pointcloud.samples import as_cells, query_nearest_samples, thin_out, tree_of
+from cpmkit_pointcloud.samples import as_cells, build_kd_tree, query_nearest_samples, thin_out
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -98,4 +98,4 @@ class NearestSamples:
 
     @cached_property
     def _tree(self) -> cKDTree:
-        return tree_of(self.points)
+        return build_kd_tree(self.points)

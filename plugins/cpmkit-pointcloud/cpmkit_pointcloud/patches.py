@@ -87,7 +87,7 @@ def neighbourhoods(points: Floats, tree: cKDTree, count: int, normals: Floats | 
     wanted = count if normals is None else min(CANDIDATE_FACTOR * count, len(points))
     found = np.empty((len(rows), count), dtype=np.int64)
 
-    def look(start: int, stop: int) -> None:
+    def find_neighbours(start: int, stop: int) -> None:
         samples = rows[start:stop]
         index = tree.query(points[samples], k=wanted)[1].reshape(stop - start, wanted)
         if normals is not None:
@@ -97,7 +97,7 @@ def neighbourhoods(points: Floats, tree: cKDTree, count: int, normals: Floats | 
             index = np.where(same, index, samples[:, None])
         found[start:stop] = index
 
-    run_parcels(look, len(rows), FITTED_PARCEL_SAMPLES)
+    run_parcels(find_neighbours, len(rows), FITTED_PARCEL_SAMPLES)
     return found
 
 
@@ -119,13 +119,13 @@ def fit_patches(points: Floats, neighbours: Ints, degree: int, rows: Ints) -> Pa
     )
 
     def fit(start: int, stop: int) -> None:
-        _fit(points[neighbours[start:stop]] - points[rows[start:stop], None], degree, fitted, slice(start, stop))
+        _fit_parcel(points[neighbours[start:stop]] - points[rows[start:stop], None], degree, fitted, slice(start, stop))
 
     run_parcels(fit, n, FITTED_PARCEL_SAMPLES)
     return fitted
 
 
-def _fit(offsets: Floats, degree: int, fitted: Patches, rows: slice) -> None:
+def _fit_parcel(offsets: Floats, degree: int, fitted: Patches, rows: slice) -> None:
     """Fit to ``offsets`` (m, k, d) from each sample to its neighbours, and write the ``rows`` of ``fitted``."""
     distances = np.linalg.norm(offsets, axis=2)
     radii = distances.max(axis=1)
@@ -142,7 +142,7 @@ def _fit(offsets: Floats, degree: int, fitted: Patches, rows: slice) -> None:
     left = np.arange(len(local))
     for lower in sorted({degree, 1}, reverse=True):
         terms = exponents(lower, offsets.shape[2] - 1)
-        solved, found = _least_squares(local[left], np.sqrt(weights[left]), terms)
+        solved, found = _solve_least_squares(local[left], np.sqrt(weights[left]), terms)
         done = left[found]
         coefficients[np.ix_(done, [columns.index(term) for term in terms])] = solved[found]
         degrees[done] = lower
@@ -151,7 +151,7 @@ def _fit(offsets: Floats, degree: int, fitted: Patches, rows: slice) -> None:
             return
 
 
-def _least_squares(local: Floats, weights: Floats, terms: Sequence[tuple[int, int]]) -> tuple[Floats, Bools]:
+def _solve_least_squares(local: Floats, weights: Floats, terms: Sequence[tuple[int, int]]) -> tuple[Floats, Bools]:
     """Return (m, terms) coefficients of height fields, and (m,) whether the neighbours determine them.
 
     ``local`` (m, k, d) are neighbours in the frames, ``weights`` (m, k) root weights, ``terms`` the exponents.

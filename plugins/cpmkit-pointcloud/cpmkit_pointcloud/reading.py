@@ -95,14 +95,14 @@ def _read_pcd(file: Path) -> np.ndarray:
             f"{file.name!r} is a PCD file, which only Open3D reads: pip install open3d, or save the cloud as PLY."
         ) from error
     except (ImportError, OSError) as error:
-        raise MissingDependencyError(_unloadable(str(error))) from error
+        raise MissingDependencyError(_loading_error(str(error))) from error
     points = np.asarray(open3d.io.read_point_cloud(str(file)).points)
     if not len(points):
         raise InputError(f"{file.name!r} does not parse as PCD, or holds no points.")
     return points
 
 
-def _unloadable(message: str) -> str:
+def _loading_error(message: str) -> str:
     if "libusb" in message:
         return (
             "Open3D is installed but cannot load the system library libusb-1.0. "
@@ -142,6 +142,6 @@ def as_normals(normals: Any, points: Floats) -> Floats:
     return vectors / length
 
 
-def first_of_each(points: Floats) -> Ints:
+def distinct_point_rows(points: Floats) -> Ints:
     """Return the rows (k,) of the first sample at each distinct place, in increasing order."""
     return np.sort(np.unique(points, axis=0, return_index=True)[1])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.plugin import Floats, Ints
-from cpmkit_pointcloud.blend import Blend, project
+from cpmkit_pointcloud.blend import Blend, find_feet
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -46,7 +46,7 @@ def rim_samples(surface: Blend, tree: cKDTree, rows: Ints) -> tuple[Ints, Floats
     return rows[gap > OPEN_ANGLE_RADIANS], outward[gap > OPEN_ANGLE_RADIANS]
 
 
-def open_samples(surface: Blend, tree: cKDTree, tiny: float) -> tuple[int, int]:
+def count_open_samples(surface: Blend, tree: cKDTree, tiny: float) -> tuple[int, int]:
     """Return the number of samples at an edge of the surface, 0 if it may be chance, and of examined samples."""
     n, dim = surface.points.shape
     rows = np.sort(np.random.default_rng(0).choice(n, min(RIM_CANDIDATES, n), replace=False))
@@ -54,6 +54,6 @@ def open_samples(surface: Blend, tree: cKDTree, tiny: float) -> tuple[int, int]:
     found = [rim_samples(surface, tree, some) for some in parcels]
     rim, outward = (np.concatenate(parts) for parts in zip(*found, strict=True))
     beyond = np.ascontiguousarray(surface.points[rim] + OUT_RADII * surface.patches.radii[rim, None] * outward)
-    lost = project(surface, beyond, rim, tiny, True)[3]
+    lost = find_feet(surface, beyond, rim, tiny, True)[3]
     ends = int(lost.sum())
     return (ends if ends >= max(LEAST_RIM_SAMPLES[dim], LEAST_RIM_SHARE * len(rows)) else 0), len(rows)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 
-def tree_of(points: Floats) -> cKDTree:
+def build_kd_tree(points: Floats) -> cKDTree:
     """Return a k-d tree of ``points``."""
     from scipy.spatial import cKDTree
 

@@ -17,7 +17,7 @@ VALUE_SAMPLES = {2: 5, 3: 12}
 LEAST_SPREAD_SHARE = 1e-9
 
 
-def weights_at(feet: Floats, points: Floats, tree: cKDTree, tangents: Floats) -> tuple[Ints, Floats]:
+def interpolation_weights(feet: Floats, points: Floats, tree: cKDTree, tangents: Floats) -> tuple[Ints, Floats]:
     """Return the samples (n, k) around ``feet`` and the weights (n, k) by which their data are summed.
 
     They are the weights of a linear function fitted to the samples around in the plane of ``tangents``

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from cpmkit_pointcloud import points
-from cpmkit_pointcloud.conformance import ellipse, sphere, torus
+from cpmkit_pointcloud.conformance import ellipse_samples, sphere_samples, torus_samples
 from model_problems import order_of
 
 import cpmkit as ck
 from cpmkit.errors import InputError
 from cpmkit.plugin import HasNormals
 
-BALL = sphere(2000)
+BALL = sphere_samples(2000)
 
 
 def unit(x):
@@ -19,7 +19,7 @@ def unit(x):
 
 def test_mixed_sheets_are_doubtful_and_normals_tell_them_apart():
     sheets = np.concatenate([BALL, 0.9 * BALL])
-    x = 1.01 * sphere(500)
+    x = 1.01 * sphere_samples(500)
     mixed = points(points=sheets)
     assert mixed.thick == len(sheets)
     assert mixed.closest_point(x).doubtful.all()
@@ -31,7 +31,7 @@ def test_mixed_sheets_are_doubtful_and_normals_tell_them_apart():
 
 
 @pytest.mark.parametrize("flip", [1.0, -1.0])
-@pytest.mark.parametrize("cloud", [BALL, ellipse(100) / [1.0, 0.6]], ids=["sphere", "circle"])
+@pytest.mark.parametrize("cloud", [BALL, ellipse_samples(100) / [1.0, 0.6]], ids=["sphere", "circle"])
 def test_normals_are_the_fitted_surfaces_on_the_side_of_the_given_ones(cloud, flip):
     source = points(points=cloud, normals=flip * 7.0 * (cloud + 0.1))
     feet = source.closest_point(1.02 * cloud[::7])
@@ -39,7 +39,7 @@ def test_normals_are_the_fitted_surfaces_on_the_side_of_the_given_ones(cloud, fl
     assert not isinstance(points(points=cloud), HasNormals)
 
 
-@pytest.mark.parametrize("make", [sphere, lambda count: ellipse(count // 4)], ids=["sphere", "ellipse"])
+@pytest.mark.parametrize("make", [sphere_samples, lambda count: ellipse_samples(count // 4)], ids=["sphere", "ellipse"])
 def test_data_are_read_at_second_order_between_the_samples(make):
     errors = []
     for count in (250, 1000, 4000):
@@ -49,7 +49,7 @@ def test_data_are_read_at_second_order_between_the_samples(make):
         read = source.interpolate(values, feet)
         np.testing.assert_allclose(read[:, 1], 2.0, atol=1e-12)
         errors.append(np.abs(read[:, 0] - feet.points[:, 0] ** 2).max())
-    assert order_of([2, 1, 0.5], errors) >= 1.8 if make is sphere else order_of([4, 1, 0.25], errors) >= 1.8
+    assert order_of([2, 1, 0.5], errors) >= 1.8 if make is sphere_samples else order_of([4, 1, 0.25], errors) >= 1.8
 
 
 def test_data_keep_the_rows_of_the_users_points():
@@ -80,7 +80,12 @@ def test_distance_is_the_feets_own_up_to_the_trusted_one_and_a_lower_bound_beyon
 
 @pytest.mark.parametrize(
     "cloud",
-    [sphere(4000)[:2000], BALL[BALL[:, 0] < 0.9], torus(4000)[torus(4000)[:, 0] > 0.0], ellipse(200)[:101]],
+    [
+        sphere_samples(4000)[:2000],
+        BALL[BALL[:, 0] < 0.9],
+        torus_samples(4000)[torus_samples(4000)[:, 0] > 0.0],
+        ellipse_samples(200)[:101],
+    ],
     ids=["half", "hole", "random", "curve"],
 )
 def test_an_open_cloud_must_be_said_to_be_open(cloud):
@@ -93,15 +98,15 @@ def test_an_open_cloud_must_be_said_to_be_open(cloud):
 def test_a_closed_cloud_is_not_taken_for_an_open_one_by_its_random_gaps(seed):
     cloud = unit(np.random.default_rng(seed).normal(size=(3000, 3)))
     hole = np.linalg.norm(cloud - cloud[0], axis=1) < 4 / np.sqrt(len(cloud))
-    for kept in (cloud, cloud[~hole], torus(2000, seed)):
+    for kept in (cloud, cloud[~hole], torus_samples(2000, seed)):
         assert points(points=kept).open_samples[0] == 0
 
 
 @pytest.mark.parametrize("count", [1000, 4000])
 def test_an_open_cloud_ends_in_a_rim_one_sample_distance_outside(count):
     apart = np.sqrt(4 * np.pi / (2 * count))
-    source = points(points=sphere(2 * count)[:count], closed=False)
-    x = 1.03 * sphere(2000)
+    source = points(points=sphere_samples(2 * count)[:count], closed=False)
+    x = 1.03 * sphere_samples(2000)
     feet = source.closest_point(x)
     rim, z = feet.edge == 0, feet.points[:, 2]
     assert not feet.doubtful[x[:, 2] > -0.9].any()
@@ -126,7 +131,7 @@ def test_distance_to_an_open_cloud_is_never_above_the_true_one():
 
 
 def test_an_open_curve_ends_near_its_last_samples():
-    source = points(points=ellipse(200)[:101], closed=False)
+    source = points(points=ellipse_samples(200)[:101], closed=False)
     feet = source.closest_point(np.array([[1.05, -0.2], [-1.05, -0.2], [0.1, 0.7]]))
     np.testing.assert_array_equal(feet.edge, [0, 0, -1])
     assert (np.abs(feet.points[:2, 1]) < 3 * 0.6 * np.pi / 100).all()
@@ -162,11 +167,11 @@ def test_a_cloud_is_drawn_by_some_of_its_points(options):
 def test_patches_that_the_neighbours_do_not_determine_are_of_lower_degree_and_counted():
     t = np.linspace(0.0, 1.0, 200)
     line = np.stack([t, np.zeros(200), np.zeros(200)], axis=1)
-    source = points(points=np.concatenate([line, sphere(500) + [5.0, 0, 0]]), closed=False)
+    source = points(points=np.concatenate([line, sphere_samples(500) + [5.0, 0, 0]]), closed=False)
     assert 190 <= source.lowered_degree_count <= 200
     feet = source.closest_point(np.array([[0.5, 0.0, 0.01]]))
     assert np.isfinite(feet.points).all()
-    assert points(points=torus(500)).lowered_degree_count == 0
+    assert points(points=torus_samples(500)).lowered_degree_count == 0
 
 
 def test_a_cloud_of_few_points_is_a_plane():

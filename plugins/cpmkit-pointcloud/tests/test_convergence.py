@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cpmkit_pointcloud.conformance import sphere
+from cpmkit_pointcloud.conformance import sphere_samples
 from model_problems import order_of, sphere_points
 
 import cpmkit as ck
@@ -42,14 +42,14 @@ def test_second_order_on_random_samples_of_a_sphere(options, spacings, bound):
 
 
 def test_plain_samples_have_an_error_that_no_spacing_removes():
-    surface = ck.source("pointcloud.points", points=sphere(5000), method="nearest")
+    surface = ck.source("pointcloud.points", points=sphere_samples(5000), method="nearest")
     errors = [solved(surface, spacing)[0] for spacing in (0.3, 0.15)]
     assert min(errors) > 5e-2
 
 
 def test_plain_samples_are_no_manifold_to_integrate_over():
     """Alone, moved, or in a union, ``auto`` takes the other form and says why."""
-    cloud = ck.source("pointcloud.points", points=sphere(500), method="nearest")
+    cloud = ck.source("pointcloud.points", points=sphere_samples(500), method="nearest")
     other = ck.source("analytic.sphere", center=[5.0, 0, 0])
     for surface in (cloud, ck.source("moved", of=cloud, scale=2.0), ck.source("union", members=[cloud, other])):
         scene = ck.Scene(surface, ck.ScreenedPoisson(1.0))
@@ -66,7 +66,7 @@ def test_on_an_open_cloud_the_error_falls_with_the_distance_between_samples():
     points = sphere_points()[:1400]
     errors = []
     for count in (500, 8000):
-        cloud = ck.source("pointcloud.points", points=sphere(2 * count)[:count], closed=False)
+        cloud = ck.source("pointcloud.points", points=sphere_samples(2 * count)[:count], closed=False)
         values = ck.solve(ck.Scene(cloud, square), 0.2).evaluate(points)
         errors.append(np.abs(values - points[:, 2] ** 2).max())
     assert errors[1] < 0.08

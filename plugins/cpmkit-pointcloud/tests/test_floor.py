@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from cpmkit_pointcloud import points
-from cpmkit_pointcloud.conformance import sphere
+from cpmkit_pointcloud.conformance import sphere_samples
 from model_problems import sphere_points, sphere_poisson
 
 import cpmkit as ck
@@ -112,5 +112,5 @@ def test_the_floor_is_a_share_whatever_the_cloud():
     assert points(points=[[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], closed=False).advice(0.1).floor == 0.0
     assert points(points=[[0.0, 0.0]], method="nearest").advice(0.1).floor == 0.0
     assert points(points=np.random.default_rng(0).uniform(size=(500, 3)), closed=False).advice(1e-3).floor <= 1.0
-    even = points(points=sphere(500))
+    even = points(points=sphere_samples(500))
     assert even.advice(0.1).floor == pytest.approx(even.translate(np.array([5.0, 0, 0])).advice(0.1).floor, rel=1e-6)

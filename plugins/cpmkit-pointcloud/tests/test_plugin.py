@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 from cpmkit_pointcloud import plugin
-from cpmkit_pointcloud.conformance import sphere
+from cpmkit_pointcloud.conformance import sphere_samples
 
 import cpmkit.plugins
 
@@ -19,7 +19,7 @@ def test_importing_the_plugin_imports_nothing_heavy():
 
 
 def test_the_kind_is_found_by_name():
-    cloud = cpmkit.plugins.source("pointcloud.points", points=sphere(500))
+    cloud = cpmkit.plugins.source("pointcloud.points", points=sphere_samples(500))
     assert cloud.closest_point(np.array([[0.0, 0.0, 1.1]])).distance == pytest.approx(0.1, abs=1e-4)
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import trimesh
 from cpmkit_pointcloud import points, read_points
-from cpmkit_pointcloud.conformance import sphere
+from cpmkit_pointcloud.conformance import sphere_samples
 
 from cpmkit.errors import InputError, MissingDependencyError
 
-CLOUD = sphere(50).astype(np.float32).astype(float)
+CLOUD = sphere_samples(50).astype(np.float32).astype(float)
 
 
 def written(folder, name, cloud=CLOUD):

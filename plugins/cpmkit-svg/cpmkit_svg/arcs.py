@@ -17,10 +17,10 @@ STRAIGHTEST = 1e8
 RADIUS_OVER_CHORD = (1e-3, 1e10)
 
 
-def arc_cubics(start: Floats, radii: Floats, turned: float, large: bool, sweep: bool, end: Floats) -> list[Floats]:
+def arc_cubics(start: Floats, radii: Floats, rotation: float, large: bool, sweep: bool, end: Floats) -> list[Floats]:
     """Return the cubics (4, 2) of an arc from ``start`` to ``end`` (2,).
 
-    By the formulas of SVG 1.1, appendix F.6.5 and F.6.6; ``turned`` is the ellipse's rotation in degrees. Radii that
+    By the formulas of SVG 1.1, appendix F.6.5 and F.6.6; ``rotation`` is the ellipse's rotation in degrees. Radii that
     are too small are scaled up; without one the arc is a line, and nothing where both ends are one point.
     """
     radii, chord = np.abs(radii), float(np.linalg.norm(end - start))
@@ -30,7 +30,7 @@ def arc_cubics(start: Floats, radii: Floats, turned: float, large: bool, sweep: 
     if radii.min() <= FLATTEST * largest or (not large and radii.min() > STRAIGHTEST * chord):
         return [np.linspace(start, end, 4)]
     radii *= np.clip(largest / chord, *RADIUS_OVER_CHORD) / (largest / chord)
-    angle = np.radians(turned)
+    angle = np.radians(rotation)
     axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     half = axes @ (start - end) / 2 / radii  # in the frame where the ellipse is a unit circle
     size = float(half @ half)

@@ -10,14 +10,14 @@ from cpmkit.plugin import Floats
 
 
 @dataclass(frozen=True, eq=False)
-class Clipped:
+class PolylinePiece:
     """A piece of a curve: points (n, 2), and the shares (n,) of the whole curve's length at which they lie."""
 
     points: Floats
     shares: Floats
 
 
-def clip_polyline(points: Floats, lower: Floats, upper: Floats) -> list[Clipped]:
+def clip_polyline(points: Floats, lower: Floats, upper: Floats) -> list[PolylinePiece]:
     """Return the pieces of the polyline ``points`` (n, 2) in a box, in its order, by the method of Liang and Barsky."""
     start, step = points[:-1], np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
@@ -29,7 +29,7 @@ def clip_polyline(points: Floats, lower: Floats, upper: Floats) -> list[Clipped]
     enters = np.where(parallel, 0.0, crossings.min(axis=0)).max(axis=1, initial=0.0)
     leaves = np.where(parallel, 1.0, crossings.max(axis=0)).min(axis=1, initial=1.0)
     inside = (enters < leaves) & ~outside.any(axis=1)
-    pieces: list[Clipped] = []
+    pieces: list[PolylinePiece] = []
     runs = np.flatnonzero(inside)
     breaks = np.flatnonzero((np.diff(runs) > 1) | (leaves[runs[:-1]] < 1) | (enters[runs[1:]] > 0)) + 1
     for run in np.split(runs, breaks):
@@ -38,7 +38,7 @@ def clip_polyline(points: Floats, lower: Floats, upper: Floats) -> list[Clipped]
             ends = start[run, None] + t[:, :, None] * step[run, None]
             along = before[run, None] + t * length[run, None]
             pieces.append(
-                Clipped(
+                PolylinePiece(
                     np.clip(np.concatenate([ends[:1, 0], ends[:, 1]]), lower, upper),
                     np.concatenate([along[:1, 0], along[:, 1]]) / before[-1],
                 )

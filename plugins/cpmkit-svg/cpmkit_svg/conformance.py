@@ -26,12 +26,14 @@ def cases() -> list[ConformanceCase]:
     from cpmkit.plugin import ConformanceCase
 
     return [
-        ConformanceCase("svg.path", name, lambda d=d: path(d=d), None if corners is None else _on(np.array(corners)))
+        ConformanceCase(
+            "svg.path", name, lambda d=d: path(d=d), None if corners is None else _polyline_sampler(np.array(corners))
+        )
         for name, (d, corners) in PATHS.items()
     ]
 
 
-def _on(corners: Floats) -> Callable[[np.random.Generator, int], Floats]:
+def _polyline_sampler(corners: Floats) -> Callable[[np.random.Generator, int], Floats]:
     def samples(rng: np.random.Generator, n: int) -> Floats:
         at, t = rng.integers(0, len(corners) - 1, n), rng.uniform(size=(n, 1))
         return (1.0 - t) * corners[at] + t * corners[at + 1]

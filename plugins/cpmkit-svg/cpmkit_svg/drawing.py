@@ -13,8 +13,8 @@ from cpmkit_svg.flattening import flatten_cubics
 from cpmkit_svg.gradients import Stops, properties, stops_of
 from cpmkit_svg.path_data import subpaths
 from cpmkit_svg.scanner import Scanner
-from cpmkit_svg.shapes import SHAPES, length, path_data
-from cpmkit_svg.transforms import compose, transform
+from cpmkit_svg.shapes import SHAPES, parse_length, shape_path_data
+from cpmkit_svg.transforms import compose_maps, parse_transform
 from cpmkit_svg.xml_tree import Element, read_xml
 
 #: Elements that are gone through, and those that draw nothing where they stand.
@@ -79,9 +79,9 @@ def read_drawing(path: str | Path) -> Drawing:
     """
     root = read_xml(path)
     try:
-        if any(node.name == "style" and node.text.strip() for node in root.everything()):
+        if any(node.name == "style" and node.text.strip() for node in root.self_and_descendants()):
             raise InputError("style sheets are not read; write colours as attributes of the paths.")
-        named = {node.attributes["id"]: node for node in root.everything() if "id" in node.attributes}
+        named = {node.attributes["id"]: node for node in root.self_and_descendants() if "id" in node.attributes}
         canvas = _canvas(root.attributes)
         upright = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, canvas.sum(axis=0)[1]]])
         curves = tuple(_curves(root, upright, {}, named, [0]))
@@ -94,7 +94,7 @@ def _canvas(attributes: Mapping[str, str]) -> Floats:
     if "viewBox" in attributes:
         x, y, width, height = Scanner(attributes["viewBox"], "viewBox").numbers(4)
     elif {"width", "height"} <= set(attributes):
-        x, y, width, height = 0.0, 0.0, *(length(attributes[key], f"{key} of svg") for key in ("width", "height"))
+        x, y, width, height = 0.0, 0.0, *(parse_length(attributes[key], f"{key} of svg") for key in ("width", "height"))
     else:
         raise InputError("the drawing has neither a viewBox nor width and height; give it a viewBox.")
     if not (width > 0 and height > 0):
@@ -113,7 +113,7 @@ def _curves(
     label = f"{element.name} {shown(own['id'])}" if "id" in element.attributes else element.name
     if " " in element.name or element.name in SILENT or element.name == "style" or own.get("display") == "none":
         return
-    place = compose(outer, transform(own.get("transform", ""), label))
+    place = compose_maps(outer, parse_transform(own.get("transform", ""), label))
     if element.name in GROUPS:
         passed = {key: own[key] for key in INHERITED if key in own}
         for child in element.children:
@@ -122,15 +122,15 @@ def _curves(
         raise InputError(f"{label} is no curve; accepted are {', '.join((*SHAPES, *GROUPS))}: make paths of the rest.")
     elif own.get("visibility", "visible") == "visible":
         count[0] += 1
-        yield from _shape(element, own, place, named, f"{element.name} {count[0]}")
+        yield from _shape_curves(element, own, place, named, f"{element.name} {count[0]}")
 
 
-def _shape(
+def _shape_curves(
     element: Element, own: Mapping[str, str], place: Floats, named: Mapping[str, Element], number: str
 ) -> Iterator[DrawnCurve]:
     identity = element.attributes.get("id", "")
     name = identity or number
-    parts = subpaths(path_data(element.name, own, name), f"path data of {shown(name)}")
+    parts = subpaths(shape_path_data(element.name, own, name), f"path data of {shown(name)}")
     stroke = own.get("stroke", "none")
     given = [own.get(f"data-{side}", stroke) for side in ("left", "right")]
     left, right = (stops_of(node, named, f"the colour of {shown(name)}") for node in given)

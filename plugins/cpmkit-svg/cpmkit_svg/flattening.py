@@ -19,10 +19,10 @@ def flatten_cubics(cubics: Floats) -> Floats:
     tolerance = TOLERANCE_SHARE * float(np.ptp(cubics.reshape(-1, 2), axis=0).max())
     bend = np.linalg.norm(np.diff(cubics, n=2, axis=1), axis=2).max(axis=1)
     counts = np.clip(np.ceil(np.sqrt(0.75 * bend / tolerance)), 1, MOST_CHORDS).astype(int)
-    parts = [_at(cubic, np.arange(count) / count) for cubic, count in zip(cubics, counts, strict=True)]
+    parts = [_cubic_points(cubic, np.arange(count) / count) for cubic, count in zip(cubics, counts, strict=True)]
     return np.concatenate([*parts, cubics[-1:, 3]])
 
 
-def _at(cubic: Floats, t: Floats) -> Floats:
+def _cubic_points(cubic: Floats, t: Floats) -> Floats:
     s = 1 - t
     return np.stack([s**3, 3 * s**2 * t, 3 * s * t**2, t**3], axis=1) @ cubic

@@ -51,36 +51,36 @@ def stops_of(given: str, named: Mapping[str, Element], label: str) -> Stops | No
         return None
     reference = REFERENCE.match(given.strip())
     if reference is None:
-        return Stops(np.zeros(1), _colour(given, label)[None])
+        return Stops(np.zeros(1), _parse_colour(given, label)[None])
     gradient = named.get(reference[1])
     for _ in range(MOST_REFERENCES):
         if gradient is None or gradient.name not in GRADIENTS:
             raise InputError(f"{label} names {shown(reference[1])}, which is no gradient of the drawing.")
         entries = [properties(entry) for entry in gradient.children if entry.name == "stop"]
         if entries:
-            return _stops(entries, f"gradient {shown(reference[1])}")
+            return _parse_stops(entries, f"gradient {shown(reference[1])}")
         other = next((gradient.attributes[key] for key in HREFS if key in gradient.attributes), "")
         gradient = named.get(other.removeprefix("#")) if other.startswith("#") else None
     raise InputError(f"{label} names {shown(reference[1])}, whose stops are nowhere.")
 
 
-def _stops(entries: list[dict[str, str]], label: str) -> Stops:
+def _parse_stops(entries: list[dict[str, str]], label: str) -> Stops:
     for entry in entries:
         if entry.get("stop-opacity", "1") not in ("1", "1.0", "100%"):
             raise InputError(f"{label} has a stop that lets light through; curves hold opaque colours.")
-    offsets = [_share(entry.get("offset", "0"), label) for entry in entries]
-    colours = [_colour(entry.get("stop-color", "black"), f"stop-color of {label}") for entry in entries]
+    offsets = [_parse_share(entry.get("offset", "0"), label) for entry in entries]
+    colours = [_parse_colour(entry.get("stop-color", "black"), f"stop-color of {label}") for entry in entries]
     return Stops(np.maximum.accumulate(np.clip(offsets, 0, 1)), np.array(colours))
 
 
-def _share(text: str, label: str) -> float:
+def _parse_share(text: str, label: str) -> float:
     number = NUMBER.fullmatch(text.strip().removesuffix("%"))
     if number is None:
         raise InputError(f"offset of {label} must be a number or a percentage, got {shown(text)}.")
     return float(number.group()) / (100 if text.strip().endswith("%") else 1)
 
 
-def _colour(text: str, label: str) -> Floats:
+def _parse_colour(text: str, label: str) -> Floats:
     numbers = RGB.fullmatch(text.strip())
     if numbers:
         return as_colour([min(int(entry), 255) / 255 for entry in numbers.groups()], label)

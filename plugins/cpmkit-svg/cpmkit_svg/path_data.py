@@ -40,14 +40,14 @@ def subpaths(text: str, label: str) -> list[Subpath]:
         letter = scanner.match(LETTER)
         if letter:
             if letter.upper() not in COUNTS or not (command or letter in "Mm"):
-                raise scanner.refuse("a command of path data, the first of them M,")
+                raise scanner.syntax_error("a command of path data, the first of them M,")
             command = letter
         elif not command or command in "Zz":
-            raise scanner.refuse("a command of path data")
-        if letter or scanner.follows_number():
+            raise scanner.syntax_error("a command of path data")
+        if letter or scanner.number_follows():
             pen.draw(command, _arguments(scanner, command.upper()))
         else:
-            raise scanner.refuse("a number")
+            raise scanner.syntax_error("a number")
         if command in "Mm":
             command = "L" if command == "M" else "l"  # further points of a move are lines
     pen.end_subpath(closed=False)

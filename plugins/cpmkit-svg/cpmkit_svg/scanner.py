@@ -37,7 +37,7 @@ class Scanner:
         """Return the next flag, 0 or 1, without a separator after it; raise InputError if there is none."""
         return self._expect(FLAG, "a flag, 0 or 1,") == "1"
 
-    def follows_number(self) -> bool:
+    def number_follows(self) -> bool:
         """Return whether a number follows."""
         before = self.place
         matches = bool(self.match(NUMBER))
@@ -50,7 +50,7 @@ class Scanner:
         self.match(SEPARATORS)
         return self.place == len(self.words)
 
-    def refuse(self, expected: str) -> InputError:
+    def syntax_error(self, expected: str) -> InputError:
         """Return, not raise, an InputError that names ``expected`` and the text at the position."""
         rest = self.words[self.place : self.place + 20]
         got = shown(rest) if rest else "its end"
@@ -61,11 +61,11 @@ class Scanner:
         number = float(self._expect(NUMBER, "a number"))
         if abs(number) > LARGEST_NUMBER:
             self.place = before
-            raise self.refuse(f"a number of at most {LARGEST_NUMBER:g}")
+            raise self.syntax_error(f"a number of at most {LARGEST_NUMBER:g}")
         return number
 
     def _expect(self, pattern: re.Pattern[str], expected: str) -> str:
         text = self.match(pattern)
         if not text:
-            raise self.refuse(expected)
+            raise self.syntax_error(expected)
         return text

@@ -23,7 +23,7 @@ from cpmkit.plugin import (
     whole,
     write_png,
 )
-from cpmkit_svg.clipping import Clipped, clip_polyline
+from cpmkit_svg.clipping import PolylinePiece, clip_polyline
 from cpmkit_svg.drawing import Drawing, DrawnCurve, read_drawing
 from cpmkit_svg.gradients import Stops
 
@@ -103,7 +103,7 @@ def _boundaries(curve: DrawnCurve, lower: Floats, upper: Floats) -> list[Boundar
     return [_boundary(curve, name, piece, curve.closed and uncut) for name, piece in zip(names, pieces, strict=True)]
 
 
-def _boundary(curve: DrawnCurve, name: str, piece: Clipped, closed: bool) -> Boundary:
+def _boundary(curve: DrawnCurve, name: str, piece: PolylinePiece, closed: bool) -> Boundary:
     polyline = source("mesh.polyline", points=piece.points, closed=closed)
 
     def condition(stops: Stops | None) -> Any:

@@ -11,7 +11,7 @@ from cpmkit_svg.scanner import LARGEST_NUMBER, Scanner
 LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:px)?\s*")
 
 
-def length(text: str, label: str) -> float:
+def parse_length(text: str, label: str) -> float:
     """Return a length in the user's unit; other units are refused.
 
     Raise InputError if it is no number, but for ``px`` after it, or larger than numbers of SVG are.
@@ -22,49 +22,54 @@ def length(text: str, label: str) -> float:
     return float(found[1])
 
 
-def path_data(name: str, attributes: Mapping[str, str], label: str) -> str:
+def shape_path_data(name: str, attributes: Mapping[str, str], label: str) -> str:
     """Return the path data of the shape element ``name`` with ``attributes``; raise InputError if one is damaged."""
     if name == "path":
         return attributes.get("d", "")
     if name in ("polyline", "polygon"):
-        return _through(attributes.get("points", ""), name == "polygon", label)
+        return _polyline_path_data(attributes.get("points", ""), name == "polygon", label)
 
     def of(key: str) -> float:
-        return length(attributes.get(key, "0"), f"{key} of {label}")
+        return parse_length(attributes.get(key, "0"), f"{key} of {label}")
 
     return SHAPES_OF_NUMBERS[name](of)
 
 
-def _through(points: str, closed: bool, label: str) -> str:
+def _polyline_path_data(points: str, closed: bool, label: str) -> str:
     scanner, numbers = Scanner(points, f"points of {label}"), []
     while not scanner.at_end:
         numbers += scanner.numbers(2)
     return f"M {' '.join(map(repr, numbers))} {'Z' if closed else ''}" if numbers else ""
 
 
-def _line(of: Callable[[str], float]) -> str:
+def _line_path_data(of: Callable[[str], float]) -> str:
     return f"M {of('x1')!r} {of('y1')!r} L {of('x2')!r} {of('y2')!r}"
 
 
-def _rectangle(of: Callable[[str], float]) -> str:
+def _rectangle_path_data(of: Callable[[str], float]) -> str:
     if of("rx") or of("ry"):
         raise InputError("rectangles with rounded corners are not read; make a path of them.")
     return f"M {of('x')!r} {of('y')!r} h {of('width')!r} v {of('height')!r} h {-of('width')!r} Z"
 
 
-def _circle(of: Callable[[str], float]) -> str:
-    return _round(of("cx"), of("cy"), of("r"), of("r"))
+def _circle_data(of: Callable[[str], float]) -> str:
+    return _ellipse_path_data(of("cx"), of("cy"), of("r"), of("r"))
 
 
-def _ellipse(of: Callable[[str], float]) -> str:
-    return _round(of("cx"), of("cy"), of("rx"), of("ry"))
+def _ellipse_data(of: Callable[[str], float]) -> str:
+    return _ellipse_path_data(of("cx"), of("cy"), of("rx"), of("ry"))
 
 
-def _round(x: float, y: float, rx: float, ry: float) -> str:
+def _ellipse_path_data(x: float, y: float, rx: float, ry: float) -> str:
     half = f"A {rx!r} {ry!r} 0 0 1"
     return f"M {x + rx!r} {y!r} {half} {x - rx!r} {y!r} {half} {x + rx!r} {y!r} Z"
 
 
-SHAPES_OF_NUMBERS = {"line": _line, "rect": _rectangle, "circle": _circle, "ellipse": _ellipse}
+SHAPES_OF_NUMBERS = {
+    "line": _line_path_data,
+    "rect": _rectangle_path_data,
+    "circle": _circle_data,
+    "ellipse": _ellipse_data,
+}
 #: Elements that draw a curve.
 SHAPES = ("path", "polyline", "polygon", *SHAPES_OF_NUMBERS)

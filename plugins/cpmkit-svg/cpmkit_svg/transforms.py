@@ -14,7 +14,7 @@ ONE_TRANSFORM = re.compile(r"[\s,]*([A-Za-z]+)\s*\(([^()]*)\)")
 ACCEPTED = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,), "skewY": (1,)}
 
 
-def transform(text: str, label: str) -> Floats:
+def parse_transform(text: str, label: str) -> Floats:
     """Return the affine map (2, 3) of a list of transforms, the last of which acts first.
 
     Raise InputError if a transform is not in SVG, or has another count of numbers; ``label`` names the element in the
@@ -34,11 +34,11 @@ def transform(text: str, label: str) -> Floats:
             raise InputError(
                 f"transform of {label}: {match[1]} takes {ACCEPTED[match[1]]} numbers, got {len(numbers)}."
             )
-        whole, place = whole @ _matrix(match[1], numbers), match.end()
+        whole, place = whole @ _transform_matrix(match[1], numbers), match.end()
     return whole[:2]
 
 
-def _matrix(name: str, numbers: list[float]) -> Floats:
+def _transform_matrix(name: str, numbers: list[float]) -> Floats:
     a, b, c, d, e, f = 1.0, 0.0, 0.0, 1.0, 0.0, 0.0
     if name == "matrix":
         a, b, c, d, e, f = numbers
@@ -58,6 +58,6 @@ def _matrix(name: str, numbers: list[float]) -> Floats:
     return np.array([[a, c, e], [b, d, f], [0, 0, 1]])
 
 
-def compose(outer: Floats, inner: Floats) -> Floats:
+def compose_maps(outer: Floats, inner: Floats) -> Floats:
     """Return the map (2, 3) that applies ``inner`` (2, 3) and then ``outer``."""
     return outer[:, :2] @ inner + np.hstack([np.zeros((2, 2)), outer[:, 2:]])

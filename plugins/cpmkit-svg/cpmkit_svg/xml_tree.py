@@ -27,11 +27,11 @@ class Element:
     children: list[Element] = field(default_factory=list)
     text: str = ""
 
-    def everything(self) -> Iterator[Element]:
+    def self_and_descendants(self) -> Iterator[Element]:
         """Yield the element and all within it, in the order of the file."""
         yield self
         for child in self.children:
-            yield from child.everything()
+            yield from child.self_and_descendants()
 
 
 def read_xml(path: str | Path) -> Element:
@@ -44,9 +44,9 @@ def read_xml(path: str | Path) -> Element:
     if file.stat().st_size > MOST_BYTES:
         raise InputError(f"{shown(file.name)} is larger than {MOST_BYTES >> 20} MiB, which no drawing of curves is.")
     builder, parser = _Builder(file.name), expat.ParserCreate(namespace_separator=" ")
-    parser.StartDoctypeDeclHandler = builder.refuse
-    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
-    parser.CharacterDataHandler = builder.text
+    parser.StartDoctypeDeclHandler = builder.refuse_doctype
+    parser.StartElementHandler, parser.EndElementHandler = builder.start_element, builder.end_element
+    parser.CharacterDataHandler = builder.add_text
     try:
         parser.Parse(read_bytes(file), True)
     except (expat.ExpatError, LookupError, ValueError) as error:  # the last two: an encoding that Python lacks
@@ -65,14 +65,14 @@ class _Builder:
     def __init__(self, name: str) -> None:
         self.name, self.root, self.open, self.count = name, None, [], 0  # type: ignore[var-annotated]
 
-    def refuse(self, *_: object) -> None:
+    def refuse_doctype(self, *_: object) -> None:
         """Raise InputError: a document type, and with it every entity, is refused."""
         raise InputError(
             f"{shown(self.name)} has a document type, which may name other files and entities; take the line "
             "<!DOCTYPE ...> out of it."
         )
 
-    def start(self, name: str, attributes: dict[str, str]) -> None:
+    def start_element(self, name: str, attributes: dict[str, str]) -> None:
         """Add an element to the open element; raise InputError if there are too many, or too deep ones."""
         self.count += 1
         if self.count > MOST_ELEMENTS or len(self.open) >= MOST_DEPTH:
@@ -86,10 +86,10 @@ class _Builder:
             self.root = element
         self.open.append(element)
 
-    def end(self, _: str) -> None:
+    def end_element(self, _: str) -> None:
         """Close the element that is open."""
         self.open.pop()
 
-    def text(self, words: str) -> None:
+    def add_text(self, words: str) -> None:
         """Add text to the element that is open."""
         self.open[-1].text += words

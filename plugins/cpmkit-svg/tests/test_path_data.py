@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cpmkit_svg.flattening import TOLERANCE_SHARE, flatten_cubics
 from cpmkit_svg.path_data import subpaths
-from cpmkit_svg.transforms import compose, transform
+from cpmkit_svg.transforms import compose_maps, parse_transform
 
 import cpmkit as ck
 from cpmkit.errors import InputError
@@ -84,15 +84,17 @@ def test_subpaths_are_separated_by_moves_and_closings():
     ],
 )
 def test_transforms(text, matrix):
-    found = transform(text, "g")
+    found = parse_transform(text, "g")
     np.testing.assert_allclose(found, matrix, atol=1e-12)
-    np.testing.assert_allclose(compose(found, transform("scale(2)", "g")), transform(f"{text} scale(2)", "g"))
+    np.testing.assert_allclose(
+        compose_maps(found, parse_transform("scale(2)", "g")), parse_transform(f"{text} scale(2)", "g")
+    )
 
 
 @pytest.mark.parametrize("text", ["turn(3)", "scale(1 2 3)", "scale(a)", "scale(1", "rotate(1 2)"])
 def test_wrong_transforms_are_refused(text):
     with pytest.raises(InputError, match="transform of g"):
-        transform(text, "g")
+        parse_transform(text, "g")
 
 
 @pytest.mark.parametrize("sweep", [0, 1])
