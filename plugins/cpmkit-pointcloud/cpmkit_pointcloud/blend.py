@@ -46,7 +46,10 @@ class Blend:
 
     @cached_property
     def arrays(self) -> tuple[Any, ...]:
-        """The arrays that the kernels read; those of a cloud in the plane get a third coordinate of zero."""
+        """Points, frames (n, 3, 3), radii, coefficients, degree, ``starts`` and ``reaching``, as the kernels read them.
+
+        A cloud in the plane gets third coordinates of zero, and (0, 0, 1) as second tangent of its frames.
+        """
         patches = self.patches
         frames = patches.frames
         if self.points.shape[1] == 2:
@@ -58,7 +61,7 @@ class Blend:
 
 
 def shrink_patches(patches: Patches, share: float) -> Patches:
-    """Return patches of the same height fields, with their radii and units multiplied by ``share``."""
+    """Return patches of the same height fields, with their radii and units of length multiplied by ``share``."""
     total = np.sum(exponents(patches.degree), axis=1)
     return replace(patches, radii=share * patches.radii, coefficients=patches.coefficients * share ** (total - 1.0))
 
@@ -66,7 +69,8 @@ def shrink_patches(patches: Patches, share: float) -> Patches:
 def blend_patches(points: Floats, patches: Patches, normals: Floats | None) -> Blend:
     """Return the blend of ``patches`` (one for each of ``points`` (n, d)), with lists of the patches near each sample.
 
-    With ``normals`` (n, d), patches whose normal points the other way are not listed: they are of another sheet.
+    The radii of the patches are those within which they count. With unit ``normals`` (n, d) of the samples, the list of
+    a sample has no patches of samples whose normal points the other way: they are of another sheet.
     """
     from scipy.spatial import cKDTree
 
@@ -87,10 +91,12 @@ def blend_patches(points: Floats, patches: Patches, normals: Floats | None) -> B
 
 
 def find_feet(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: bool) -> tuple[Floats, Ints, Ints, Bools]:
-    """Return the feet (n, d) of ``x``, the sample (n,) nearest to each, its edge (n,), and (n,) which are doubtful.
+    """Return feet (n, d) of ``x``, the sample (n,) nearest to each, its edge (n,), and (n,) whether it is doubtful.
 
-    ``nearest`` (n,) are the samples nearest to ``x``, ``tiny`` is the length of a last step. If ``closed``, no foot has
-    an edge; else feet beyond the rim are moved to it, edge 0.
+    ``nearest`` (n,) are the samples nearest to the queries ``x`` (n, d); a search ends at a step of length ``tiny``. If
+    ``closed``, every edge is -1. Else feet beyond the rim are moved onto it, and have edge 0. A foot is doubtful where
+    the search did not converge or all samples lie on one side of it, and not finite where the patches define no
+    surface.
     """
     from cpmkit_pointcloud import kernels
 
@@ -107,7 +113,11 @@ def find_feet(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: boo
 
 
 def surface_normals(surface: Blend, feet: Floats, element: Ints) -> Floats:
-    """Return (n, d) unit normals at ``feet`` (n, d), on the side of the patch of sample ``element`` (n,)."""
+    """Return (n, d) unit normals at ``feet`` (n, d) of the surface; NaN where no patch reaches.
+
+    ``element`` (n,) are the samples nearest to the feet; each normal is on the side of that sample's patch, of any
+    sign.
+    """
     from cpmkit_pointcloud import kernels
 
     n, dim = feet.shape
@@ -120,5 +130,5 @@ def surface_normals(surface: Blend, feet: Floats, element: Ints) -> Floats:
 
 
 def _pad_to_3d(points: Floats) -> Floats:
-    """Return (n, 3) points, those of the plane with a third coordinate of zero."""
+    """Return ``points`` (n, 2) with a third coordinate of zero, or ``points`` (n, 3) themselves."""
     return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])

@@ -153,7 +153,8 @@ class PointCloud:
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return (n, ...) ``values`` (value_count, ...) of the user's points by a linear fit at each of ``feet``.
 
-        Of points at the same place the first one's data count.
+        Of points at the same place the first one's row counts. Raise InputError if ``values`` has another number of
+        rows, or ``feet``, records of :meth:`closest_point`, lack ``element``.
         """
         values = one_row_each(values, self.value_count, "points")
         tangents = self.surface.patches.frames[self._sample_rows(feet), :-1]
@@ -161,7 +162,7 @@ class PointCloud:
         return np.einsum("nk,nk...->n...", weights, values[self.given[index]])
 
     def advice(self, spacing: float, /) -> Advice:
-        """Return the errors that distances and noise of samples cause at grid ``spacing``, with warnings."""
+        """Return errors, relative to a solution's range, by gaps and noise of samples at ``spacing``, and warnings."""
         slope, width = self._slope
         floor = fitted_floor(slope, width, positive(spacing, "spacing"), self.dim)
         return Advice(
@@ -169,6 +170,7 @@ class PointCloud:
         )
 
     def _warnings(self) -> list[str]:
+        """Return a sentence for each defect: repeated points, patches of lower degree, thick samples, open ends."""
         count, degree, sentences = len(self.points), self.surface.patches.degree, []
         if self.duplicates > REPEATED_SAMPLES_SHARE * self.value_count:
             sentences.append(
@@ -203,7 +205,7 @@ class PointCloud:
         return count_open_samples(self.surface, self._tree, self._tiny)
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return the feet (v, d) of the samples, thinned to about half of ``spacing``, as cells (v, 1)."""
+        """Return the closest points (v, d) of samples, thinned to about half of ``spacing``, and their cells (v, 1)."""
         return as_cells(self.closest_point(thin_out(self.points, spacing)).points)
 
     @property
@@ -220,19 +222,21 @@ class PointCloud:
         return made
 
     def _sample_rows(self, feet: ClosestPoints) -> Ints:
+        """Return (n,) the rows of :attr:`points` that ``feet`` name as element; raise InputError if they have none."""
         if feet.element is None:
             raise InputError("feet must be records that this cloud answered: they lack element.")
         return np.searchsorted(self.given, feet.element)
 
     @cached_property
     def _slope(self) -> tuple[float, float]:
+        """The surface's slope error, and the width of its bumps in the unit of length: see :func:`slope_error`."""
         if self._original is not self:
             return self._original._slope
         return slope_error(self.points, self.surface.patches, self._tree, self._sides)
 
     @cached_property
     def _noise(self) -> float:
-        """How far samples lie from the surface, root mean square, as a share of its extent."""
+        """Root mean square distance of (at most 500) samples from the surface, as a share of its longest side."""
         if self._original is not self:
             return self._original._noise
         count = len(self.points)
@@ -242,12 +246,12 @@ class PointCloud:
 
     @property
     def _sides(self) -> Floats | None:
-        """Normals that distinguish neighbours on another sheet."""
+        """(k, d) normals of the samples that distinguish neighbours on another sheet; None if the user gave none."""
         return None
 
     @cached_property
     def _tiny(self) -> float:
-        """Length of a last step of a search."""
+        """Length of a step at which a search ends: the rounding of coordinates."""
         return 1e-13 * float(np.ptp(self.points, axis=0).max()) + 1e-15 * float(np.abs(self.points).max())
 
     @cached_property

@@ -20,7 +20,8 @@ Draw = Callable[[np.random.Generator, int], Floats]
 def cases() -> list[ConformanceCase]:
     """Return clouds of even and of random density, of degree 2 and 4, with normals, in the plane, and plain samples.
 
-    The radius is that up to which ``distance`` is the feet's own, half the smallest radius of curvature.
+    The last number of a case is the distance up to which ``distance`` is that of the foot: half the smallest radius of
+    curvature.
     """
     from cpmkit.plugin import ConformanceCase
 
@@ -38,7 +39,7 @@ def cases() -> list[ConformanceCase]:
 
 
 def sphere_samples(count: int) -> Floats:
-    """Return points of the unit sphere, evenly spread along a Fibonacci spiral."""
+    """Return ``count`` points (count, 3) of the unit sphere, evenly spread along a Fibonacci spiral."""
     i = np.arange(count) + 0.5
     z, angle = 1.0 - 2.0 * i / count, np.pi * (1.0 + np.sqrt(5.0)) * i
     around = np.sqrt(1.0 - z * z)
@@ -46,7 +47,7 @@ def sphere_samples(count: int) -> Floats:
 
 
 def torus_samples(count: int, seed: int = 0) -> Floats:
-    """Return ``count`` random points of the torus of radii 1 and 0.4, uniform by area; ``seed`` fixes them."""
+    """Return ``count`` random points (count, 3) of the torus of radii 1 and 0.4, uniform by area, of fixed ``seed``."""
     rng = np.random.default_rng(seed)
     u, v, keep = rng.uniform(0.0, 1.0, (3, 3 * count))
     u, v = 2 * np.pi * u, 2 * np.pi * v
@@ -56,7 +57,7 @@ def torus_samples(count: int, seed: int = 0) -> Floats:
 
 
 def ellipse_samples(count: int) -> Floats:
-    """Return points of the ellipse with the half axes 1 and 0.6."""
+    """Return ``count`` points (count, 2) of the ellipse with half axes 1 and 0.6, at equal steps of its parameter."""
     angle = 2 * np.pi * np.arange(count) / count
     return np.stack([np.cos(angle), 0.6 * np.sin(angle)], axis=1)
 

@@ -38,10 +38,10 @@ def points(
     file : str or Path
         A PLY, XYZ, TXT, CSV, NPY or PCD file.
     points : (n, 2) or (n, 3) array
-        Instead of a file.
+        Instead of a file. Of points at the same place the first one counts.
     method : "mls" or "nearest"
         Moving least squares: polynomial patches fitted around every sample and blended into one smooth
-        surface. Or the nearest sample.
+        surface. Or the nearest sample: then the options below are ignored.
     degree : 1 to 4
         Of the patches. The error of a foot falls with the power degree + 1 of the distance between samples or faster.
     neighbours : int, optional
@@ -78,7 +78,11 @@ def points(
 
 
 def _neighbour_count(degree: Any, neighbours: Any, dim: int) -> int:
-    """Return how many neighbours a fit uses, None for the default; raise InputError for a bad ``degree`` or number."""
+    """Return the number of samples in a fit: ``neighbours``, or if that is None the default of ``degree``.
+
+    ``dim`` is that of the space. Raise InputError if the degree is not 1 to 4, or the number is not whole or below that
+    of the patch's coefficients.
+    """
     if degree not in FIT_NEIGHBOURS[dim]:
         raise InputError(f"degree must be 1, 2, 3 or 4, got {shown(degree)}.")
     least = len(exponents(degree, dim - 1))
@@ -91,6 +95,11 @@ def _neighbour_count(degree: Any, neighbours: Any, dim: int) -> int:
 
 
 def _fit_cloud(cloud_points: Floats, normals: Floats | None, degree: int, count: int, closed: bool) -> PointCloud:
+    """Return the cloud of patches of ``degree``, each fitted to ``count`` samples, through ``cloud_points`` (n, d).
+
+    ``normals`` (n, d) are unit vectors or None. Raise InputError if fewer than d + 1 points differ, or the cloud is
+    open and ``closed`` is true.
+    """
     first = distinct_point_rows(cloud_points)
     points, dim = cloud_points[first], cloud_points.shape[1]
     if len(points) < dim + 1:
@@ -117,6 +126,7 @@ def _fit_cloud(cloud_points: Floats, normals: Floats | None, degree: int, count:
 
 
 def _refuse_open(cloud: PointCloud) -> None:
+    """Raise InputError if the surface ends at more than :data:`OPEN_RIM_SHARE` of the examined samples of ``cloud``."""
     ends, target = cloud.open_samples
     if ends > OPEN_RIM_SHARE * target:
         raise InputError(

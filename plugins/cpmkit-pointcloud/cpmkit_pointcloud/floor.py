@@ -35,10 +35,11 @@ DENSITY_NEIGHBOURS = 6
 
 
 def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats | None) -> tuple[float, float]:
-    """Return the root mean square error of the slope, estimated by patches of the next degree, and the bumps' width.
+    """Return the root mean square error of the surface's slope, and the median width of its bumps as a length.
 
-    ``tree`` is that of ``points`` (n, d); ``normals`` (n, d) or None separate sheets. The error includes truncation and
-    noise. Of even samples without noise it is up to 4 times that.
+    The slope is that of ``patches``, one for each of ``points`` (n, d), against patches of the next degree, at 500
+    samples at most. ``tree`` is that of the points; ``normals`` (n, d) or None separate sheets. The error includes
+    truncation and noise; on even samples without noise it is overestimated up to 4 times.
     """
     rows = np.sort(np.random.default_rng(0).choice(len(points), min(SLOPE_SAMPLES, len(points)), replace=False))
     degree = patches.degree + 1
@@ -54,26 +55,31 @@ def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats
 
 
 def fitted_floor(slope: float, width: float, spacing: float, dim: int) -> float:
-    """Return the error, relative to the range, on a surface with slope error ``slope`` on bumps of size ``width``.
+    """Return the error, at most 1, relative to the range of a solution on a surface with slope error ``slope``.
 
-    A lattice that is finer than the bumps follows them, and what their slopes cost falls with the square of the
-    spacing. What is left is that a bumpy surface is larger than a smooth one, by the square of its slope.
+    ``width`` of the bumps and the grid's ``spacing`` have one unit of length; ``dim`` is that of the space. A lattice
+    that is finer than the bumps follows them, and what their slopes cost falls with the square of the spacing. What is
+    left is that a bumpy surface is larger than a smooth one, by the square of its slope.
     """
     followed = min(1.0, (spacing / width) ** 2)
     return min(1.0, ERROR_PER_SLOPE[dim] * slope * followed + ERROR_PER_SLOPE_SQUARED * slope**2)
 
 
 def integral_floor(slope: float, noise: float, count: int) -> float:
-    """Return the error by ``galerkin``, relative to the range, for slope error ``slope`` and ``count`` samples.
+    """Return the error by the form ``galerkin``, relative to the range and at most 1, for ``count`` samples.
 
-    ``noise`` is the samples' root mean square distance from the surface, as a share of its extent.
+    ``slope`` is the slope error, ``noise`` the samples' root mean square distance from the surface, as a share of its
+    longest side.
     """
     shift = noise / float(np.sqrt(count))
     return min(1.0, INTEGRAL_ERROR_PER_SLOPE_SQUARED * slope**2 + INTEGRAL_ERROR_PER_SHIFT * shift)
 
 
 def plain_floor(points: Floats, tree: cKDTree, spacing: float) -> float:
-    """Return the error, relative to the range, at grid ``spacing`` if feet are samples: they jump between samples."""
+    """Return the error, relative to the range, at grid ``spacing`` if feet are samples, ``points`` (n, d).
+
+    They jump from sample to sample. ``tree`` is that of the points; the error of a single point is 0.
+    """
     count = min(DENSITY_NEIGHBOURS, len(points) - 1)
     if not count:
         return 0.0

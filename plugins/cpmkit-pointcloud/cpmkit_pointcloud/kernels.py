@@ -36,7 +36,10 @@ FALSE_POSITION_ROUNDS, ALONG_RIM_ROUNDS, LAST_RIM_STEP_RADII = 60, 30, 1e-6
 
 @compiled
 def _polynomial_and_derivatives(coefficients, degree, a, b):
-    """Return the polynomial sum c_ij a^i b^j with its first and second derivatives, by Horner's rule in b and in a."""
+    """Return q = sum c_ij a^i b^j, i + j <= ``degree``, and q_a, q_b, q_aa, q_ab, q_bb, by Horner's rule in b and in a.
+
+    ``coefficients`` are c_00, c_01, ..., c_10, c_11, ...: by ascending i, of one i by ascending j.
+    """
     q = qa = qb = qaa = qab = qbb = 0.0
     t = len(coefficients)
     for i in range(degree, -1, -1):
@@ -57,9 +60,10 @@ def _polynomial_and_derivatives(coefficients, degree, a, b):
 
 @compiled
 def _evaluate_blend(y, j, cloud):
-    """Return f and its gradient at ``y``, oriented by the patch of sample ``j``; a gradient of zero: no patch reaches.
+    """Return f and its three derivatives at ``y`` (3,), and three numbers, the weighted mean of the samples around.
 
-    The last three numbers are the weighted mean of the samples around, relative to ``y`` and to their radii.
+    The sign is that of the patch of ``j``, the sample nearest to ``y``; ``cloud`` is :attr:`Blend.arrays`. The mean is
+    relative to ``y``, in units of the mean radius. All seven numbers are zero where no patch reaches.
     """
     points, frames, radii, coefficients, degree, starts, reaching = cloud
     f = gx = gy = gz = total = tx = ty = tz = mx = my = mz = wide = 0.0
@@ -101,7 +105,10 @@ def _evaluate_blend(y, j, cloud):
 
 @compiled
 def _nearest_sample(y, j, cloud):
-    """Return sample nearest to ``y`` (3,), found from sample ``j`` by descent through samples that patches reach."""
+    """Return the sample nearest to ``y`` (3,), found from sample ``j`` by descent through samples that patches reach.
+
+    ``cloud`` is :attr:`Blend.arrays`.
+    """
     points, starts, reaching = cloud[0], cloud[5], cloud[6]
     best = np.inf
     while True:
@@ -118,10 +125,11 @@ def _nearest_sample(y, j, cloud):
 
 @compiled
 def _tangential_step(x, y, g, j, cloud):
-    """Return Newton's step along the surface towards the foot of ``x``, as a vector at right angles to ``g``.
+    """Return Newton's step (3,) along the surface from ``y`` (3,) towards the foot of ``x`` (3,).
 
-    The second derivatives are those of the patch of sample ``j`` alone: what they lack is of the order of its
-    radius, and costs rounds, not accuracy.
+    It is orthogonal to ``g`` (3,), the gradient of f at ``y``. ``j`` is the sample nearest to ``y``, ``cloud`` is
+    :attr:`Blend.arrays`. The second derivatives are those of the patch of ``j`` alone: what they lack is of the order
+    of its radius, and costs rounds, not accuracy.
     """
     points, frames, radii, coefficients, degree = cloud[0], cloud[1], cloud[2], cloud[3], cloud[4]
     e, r = frames[j], radii[j]
@@ -148,7 +156,11 @@ def _tangential_step(x, y, g, j, cloud):
 
 @compiled
 def _move_to_surface(y, j, cloud, tiny):
-    """Move ``y`` onto the surface along the gradient, to rounding; return the nearest sample."""
+    """Move ``y`` (3,), in place, onto the surface along the gradient; return its nearest sample.
+
+    It ends with a step below a thousandth of ``tiny``, or after :data:`MOST_LANDINGS`. ``j`` is a sample near ``y``,
+    ``cloud`` is :attr:`Blend.arrays`. Where no patch reaches, ``y`` stays.
+    """
     for _ in range(MOST_LANDINGS):
         j = _nearest_sample(y, j, cloud)
         f, gx, gy, gz, _, _, _ = _evaluate_blend(y, j, cloud)
@@ -168,7 +180,8 @@ def _move_to_surface(y, j, cloud, tiny):
 def _search_foot(x, y, j, cloud, tiny):
     """Move ``y`` (3,) in place from sample ``j`` to the foot of ``x`` (3,); return its sample and whether it converged.
 
-    A search that leaves the reach of all patches ends at a place that one still reaches.
+    It converges at a step of length ``tiny``; ``cloud`` is :attr:`Blend.arrays`. A search that leaves the reach of all
+    patches ends at a place that one still reaches.
     """
     radii = cloud[2]
     reach = np.sqrt((x - y) @ (x - y))
@@ -200,14 +213,20 @@ def _search_foot(x, y, j, cloud, tiny):
 
 @compiled
 def _distance_beyond_rim(y, j, cloud):
-    """Return |mean offset of samples around ``y``| - :data:`BEYOND_RIM_RADII`, in radii: above zero beyond the rim."""
+    """Return |mean offset of samples around ``y``| - :data:`BEYOND_RIM_RADII`, in radii: above zero beyond the rim.
+
+    ``j`` is the sample nearest to ``y`` (3,), ``cloud`` is :attr:`Blend.arrays`.
+    """
     _, _, _, _, mx, my, mz = _evaluate_blend(y, j, cloud)
     return np.sqrt(mx * mx + my * my + mz * mz) - BEYOND_RIM_RADII
 
 
 @compiled
 def _outward_direction(y, j, cloud):
-    """Return the unit vector (3,) tangential to the surface at ``y`` that points away from the samples around."""
+    """Return the unit vector (3,) tangential to the surface at ``y`` (3,) that points away from the samples around.
+
+    ``j`` is the sample nearest to ``y``, ``cloud`` is :attr:`Blend.arrays`.
+    """
     _, gx, gy, gz, mx, my, mz = _evaluate_blend(y, j, cloud)
     along = (gx * mx + gy * my + gz * mz) / (gx * gx + gy * gy + gz * gz)
     away = np.array([along * gx - mx, along * gy - my, along * gz - mz])
@@ -216,7 +235,11 @@ def _outward_direction(y, j, cloud):
 
 @compiled
 def _move_to_rim(y, j, cloud, tiny):
-    """Move ``y`` along the surface to where the samples are just left behind, by false position; return its sample."""
+    """Move ``y`` (3,), in place, along the surface to the rim, across it, by false position; return its nearest sample.
+
+    ``j`` is the sample nearest to ``y``, ``tiny`` the length of a last step, ``cloud`` is :attr:`Blend.arrays`. If no
+    rim is within :data:`MOST_PACES` strides, ``y`` stays at the last one.
+    """
     away, pace = _outward_direction(y, j, cloud), PACE_RADII * cloud[2][j]
     start, low, high = y.copy(), 0.0, 0.0
     at_low = at_high = _distance_beyond_rim(y, j, cloud)
@@ -254,7 +277,11 @@ def _move_to_rim(y, j, cloud, tiny):
 
 @compiled
 def _move_along_rim(x, y, j, cloud, tiny):
-    """Move ``y`` to the foot of ``x`` on the rim: across to the rim and along it by turns; return its sample."""
+    """Move ``y`` (3,), in place, to the foot of ``x`` (3,) on the rim; return its nearest sample.
+
+    Steps across to the rim and along it alternate. ``j`` is the sample nearest to ``y``, ``tiny`` the length of a last
+    step, ``cloud`` is :attr:`Blend.arrays`.
+    """
     j = _move_to_rim(y, j, cloud, tiny)
     for _ in range(ALONG_RIM_ROUNDS):
         away = _outward_direction(y, j, cloud)
@@ -272,11 +299,15 @@ def _move_along_rim(x, y, j, cloud, tiny):
 
 @compiled
 def fill_feet(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, doubtful):
-    """Fill the records of the queries ``start`` to ``stop``, from their nearest samples.
+    """Fill rows ``start`` to ``stop`` of the feet of queries ``x`` (n, 3), and their records.
 
-    The surface goes on for a while beyond the rim of an open cloud, and into holes, where the samples that reach
-    are all on one side. A foot that has left them behind is doubtful if the cloud is closed; if it is
-    open, the foot is moved back to the rim. A search that did not converge leaves a doubtful foot.
+    These are ``foot`` (n, 3), ``element``, ``edge`` and ``doubtful`` (n,). ``nearest`` (n,) are the samples nearest to
+    the queries, ``cloud`` is :attr:`Blend.arrays`, ``tiny`` the length of a last step. ``element`` is the sample
+    nearest to the foot, ``edge`` 0 on the rim of an open cloud, else -1.
+
+    The surface goes on for a while beyond the rim of an open cloud, and into holes, where the samples that reach are
+    all on one side. A foot that has left them behind is doubtful if the cloud is ``closed``; if it is open, the foot is
+    moved back to the rim. A search that did not converge leaves a doubtful foot.
     """
     points = cloud[0]
     y = np.empty(3)
@@ -297,7 +328,10 @@ def fill_feet(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge,
 
 @compiled
 def fill_normals(y, start, stop, element, cloud, normal):
-    """Fill ``normal`` (n, 3) with unit gradients at feet ``y``, on the side of the patch of sample ``element`` (n,)."""
+    """Fill rows ``start`` to ``stop`` of ``normal`` (n, 3) with unit gradients at feet ``y`` (n, 3).
+
+    They are on the side of the patch of ``element`` (n,), the nearest samples; ``cloud`` is :attr:`Blend.arrays`.
+    """
     g = np.empty(3)
     for k in range(start, stop):
         _, g[0], g[1], g[2], _, _, _ = _evaluate_blend(y[k], element[k], cloud)

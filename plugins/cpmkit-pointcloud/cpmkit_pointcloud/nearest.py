@@ -73,18 +73,21 @@ class NearestSamples:
         return ClosestPoints(self.points[nearest], distance, np.full(len(x), -1), nearest)
 
     def interpolate(self, values: Any, feet: ClosestPoints, /) -> Floats:
-        """Return (n, ...) the rows of ``values`` (value_count, ...) of the samples in ``feet``, unchanged."""
+        """Return (n, ...) the rows of ``values`` (value_count, ...) of the samples in ``feet``, unchanged.
+
+        Raise InputError if ``values`` has another number of rows, or ``feet`` lack ``element``.
+        """
         if feet.element is None:
             raise InputError("feet must be records that this cloud answered: they lack element.")
         return one_row_each(values, self.value_count, "points")[feet.element]
 
     def advice(self, spacing: float, /) -> Advice:
-        """Return the error that the distances between samples cause in a solution at grid ``spacing``."""
+        """Return the error, relative to a solution's range, that gaps between samples cause at grid ``spacing``."""
         floor = plain_floor(self.points, self._tree, positive(spacing, "spacing"))
         return Advice(floor, mesh_for_samples=False, foot_count=len(self.points))
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return the samples (v, d), thinned to about half of ``spacing``, as cells (v, 1)."""
+        """Return the samples (v, d), thinned to about half of ``spacing``, and a cell (v, 1) for each."""
         return as_cells(thin_out(self.points, spacing))
 
     def translate(self, offset: Floats, /) -> NearestSamples:

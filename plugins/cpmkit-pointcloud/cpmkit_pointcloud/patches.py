@@ -38,7 +38,7 @@ class Patches:
     radii : (n,) float64
         Distance to the farthest neighbour that took part in the fit.
     coefficients : (n, terms) float64
-        Of the monomials that :func:`exponents` lists for two variables, for a curve too.
+        Of the monomials that :func:`exponents` lists for two variables, in its order, for a curve too.
     thickness : (n,) float64
         How far the neighbours stray from their plane, relative to how far they spread in it (standard deviations).
     degrees : (n,) int64
@@ -55,7 +55,10 @@ class Patches:
 
 
 def curvatures(patches: Patches) -> Floats:
-    """Return (n,) the larger principal curvature of each patch at its sample, without sign."""
+    """Return (n,) the larger principal curvature of each patch at its sample, without sign.
+
+    Its unit is one over that of length. The patch's slope is neglected; a patch of degree 1 has curvature 0.
+    """
     if patches.degree < 2:
         return np.zeros(len(patches.radii))
     columns = exponents(patches.degree)
@@ -74,15 +77,16 @@ def patch_normals(patches: Patches) -> Floats:
 
 
 def exponents(degree: int, variables: int = 2) -> list[tuple[int, int]]:
-    """Return the exponents (i, j) of the monomials a^i b^j up to ``degree``; with one variable, j is 0."""
+    """Return the exponents (i, j) of the monomials a^i b^j up to ``degree``, by i, then j; of one variable, j is 0."""
     return [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i if variables == 2 else 1)]
 
 
 def neighbourhoods(points: Floats, tree: cKDTree, count: int, normals: Floats | None, rows: Ints) -> Ints:
-    """Return (m, count) the samples of ``rows`` (m,) themselves and their nearest neighbours.
+    """Return (m, count) the samples of ``rows`` (m,) themselves, then their neighbours, the nearest first.
 
-    With ``normals``, neighbours whose normal points the other way are passed over: they lie on another sheet.
-    Where too few are left, the sample stands in for those that lack.
+    ``tree`` is that of ``points`` (n, d), ``count`` at most n. With ``normals`` (n, d), neighbours whose normal points
+    the other way are passed over: they lie on another sheet. Where too few are left among :data:`CANDIDATE_FACTOR`
+    times as many, the sample stands in for those that lack.
     """
     wanted = count if normals is None else min(CANDIDATE_FACTOR * count, len(points))
     found = np.empty((len(rows), count), dtype=np.int64)
@@ -104,8 +108,9 @@ def neighbourhoods(points: Floats, tree: cKDTree, count: int, normals: Floats | 
 def fit_patches(points: Floats, neighbours: Ints, degree: int, rows: Ints) -> Patches:
     """Return a patch of ``degree`` for each sample of ``rows`` (m,), fitted to its ``neighbours`` (m, k).
 
-    Where the neighbours do not determine all coefficients, degree 1 is tried, and then degree 0: the plane of
-    the neighbours through the sample.
+    Both are rows of ``points`` (n, d); the sample is among its neighbours. The m patches are in the order of ``rows``.
+    Where the neighbours do not determine all coefficients, degree 1 is tried, and then degree 0: the plane of the
+    neighbours through the sample.
     """
     n, dim = len(rows), points.shape[1]
     fitted = Patches(
@@ -126,7 +131,10 @@ def fit_patches(points: Floats, neighbours: Ints, degree: int, rows: Ints) -> Pa
 
 
 def _fit_parcel(offsets: Floats, degree: int, fitted: Patches, rows: slice) -> None:
-    """Fit to ``offsets`` (m, k, d) from each sample to its neighbours, and write the ``rows`` of ``fitted``."""
+    """Fit to ``offsets`` (m, k, d) from each sample to its neighbours, and write the m ``rows`` of ``fitted`` in place.
+
+    Coefficients that are not determined, and degrees there, keep their value, zero.
+    """
     distances = np.linalg.norm(offsets, axis=2)
     radii = distances.max(axis=1)
     scaled = offsets / radii[:, None, None]
@@ -154,7 +162,8 @@ def _fit_parcel(offsets: Floats, degree: int, fitted: Patches, rows: slice) -> N
 def _solve_least_squares(local: Floats, weights: Floats, terms: Sequence[tuple[int, int]]) -> tuple[Floats, Bools]:
     """Return (m, terms) coefficients of height fields, and (m,) whether the neighbours determine them.
 
-    ``local`` (m, k, d) are neighbours in the frames, ``weights`` (m, k) root weights, ``terms`` the exponents.
+    Else the coefficients are zero. ``local`` (m, k, d) are neighbours in the frames, ``weights`` (m, k) root weights,
+    ``terms`` the exponents (i, j) of the monomials.
     """
     first, second = local[:, :, 0], local[:, :, local.shape[2] - 2]
     design = np.stack([first**i * second**j for i, j in terms], axis=2) * weights[:, :, None]

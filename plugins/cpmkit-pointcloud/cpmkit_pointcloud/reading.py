@@ -61,6 +61,7 @@ def _read_npy(file: Path) -> np.ndarray:
 
 
 def _read_ply(file: Path) -> np.ndarray:
+    """Return the vertices (n, 3) of a PLY file; raise InputError, with its name, if it does not parse."""
     try:
         return read_ply_points(read_bytes(file))
     except InputError as error:
@@ -88,6 +89,10 @@ _READERS = {".ply": _read_ply, ".npy": _read_npy}
 
 
 def _read_pcd(file: Path) -> np.ndarray:
+    """Return the points (n, 3) of a PCD file.
+
+    Raise InputError if there are none, MissingDependencyError if Open3D is absent or cannot load.
+    """
     try:
         import open3d
     except ModuleNotFoundError as error:
@@ -103,6 +108,7 @@ def _read_pcd(file: Path) -> np.ndarray:
 
 
 def _loading_error(message: str) -> str:
+    """Return the error sentence for an installed Open3D that does not load, from the loader's ``message``."""
     if "libusb" in message:
         return (
             "Open3D is installed but cannot load the system library libusb-1.0. "
@@ -114,7 +120,7 @@ def _loading_error(message: str) -> str:
 def as_cloud(points: Any, label: str = "points") -> Floats:
     """Return ``points`` as (n, 2) or (n, 3) float64 with at least one row.
 
-    Raise InputError if they are of another shape or type, empty, or not finite.
+    Raise InputError, which names ``label``, if they are of another shape or type, empty, or not finite.
     """
     try:
         array = np.asarray(points)
@@ -128,7 +134,7 @@ def as_cloud(points: Any, label: str = "points") -> Floats:
 
 
 def as_normals(normals: Any, points: Floats) -> Floats:
-    """Return ``normals`` as (n, d) unit vectors, one for each of ``points``.
+    """Return ``normals`` as (n, d) unit vectors, one for each of ``points`` (n, d).
 
     Raise InputError if their shape is not that of the points, or one is zero or not finite.
     """

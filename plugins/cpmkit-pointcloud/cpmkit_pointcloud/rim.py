@@ -27,7 +27,11 @@ LEAST_RIM_SAMPLES, LEAST_RIM_SHARE = {2: 1, 3: 4}, 3e-4
 
 
 def rim_samples(surface: Blend, tree: cKDTree, rows: Ints) -> tuple[Ints, Floats]:
-    """Return the samples among ``rows`` with all neighbours on one side, and unit vectors (m, d) to the other side."""
+    """Return the samples (m,) of ``rows`` with all neighbours on one side, and unit vectors (m, d) to the other side.
+
+    ``tree`` is that of the samples. One side: :data:`OPEN_ANGLE_RADIANS` of the tangent plane hold no neighbour; of a
+    curve, the nearest three neighbours lie in one direction.
+    """
     points, dim = surface.points, surface.points.shape[1]
     count = min(DIRECTION_NEIGHBOURS[dim] + 1, len(points))
     index = tree.query(points[rows], k=count)[1].reshape(len(rows), count)[:, 1:]
@@ -47,7 +51,11 @@ def rim_samples(surface: Blend, tree: cKDTree, rows: Ints) -> tuple[Ints, Floats
 
 
 def count_open_samples(surface: Blend, tree: cKDTree, tiny: float) -> tuple[int, int]:
-    """Return the number of samples at an edge of the surface, 0 if it may be chance, and of examined samples."""
+    """Return the number of samples at an edge of the surface, 0 if it may be chance, and of examined samples.
+
+    ``tree`` is that of the samples, of which :data:`RIM_CANDIDATES` at most, of a fixed seed, are examined; ``tiny`` is
+    the length of a last step of the searches.
+    """
     n, dim = surface.points.shape
     rows = np.sort(np.random.default_rng(0).choice(n, min(RIM_CANDIDATES, n), replace=False))
     parcels = np.array_split(rows, -(-len(rows) // PARCEL_CANDIDATES))

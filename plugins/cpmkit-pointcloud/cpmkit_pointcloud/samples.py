@@ -20,7 +20,10 @@ def build_kd_tree(points: Floats) -> cKDTree:
 
 
 def thin_out(points: Floats, spacing: float) -> Floats:
-    """Return of each cube of side ``spacing`` / 2 the point nearest to its centre: drawn as discs, they overlap."""
+    """Return (k, d) of each cube of side ``spacing`` / 2 the one of ``points`` (n, d) nearest to its centre.
+
+    Their order stays. Drawn as discs, they overlap. Raise InputError if ``spacing`` is not a number above zero.
+    """
     place = (points - points.min(axis=0)) / (0.5 * positive(spacing, "spacing"))
     cube = np.floor(place)
     order = np.argsort(np.sum((place - cube - 0.5) ** 2, axis=1), kind="stable")

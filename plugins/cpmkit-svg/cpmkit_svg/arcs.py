@@ -18,10 +18,12 @@ RADIUS_OVER_CHORD = (1e-3, 1e10)
 
 
 def arc_cubics(start: Floats, radii: Floats, rotation: float, large: bool, sweep: bool, end: Floats) -> list[Floats]:
-    """Return the cubics (4, 2) of an arc from ``start`` to ``end`` (2,).
+    """Return the cubics (4, 2), their control points, of an arc from ``start`` (2,) to ``end`` (2,), in its direction.
 
-    By the formulas of SVG 1.1, appendix F.6.5 and F.6.6; ``rotation`` is the ellipse's rotation in degrees. Radii that
-    are too small are scaled up; without one the arc is a line, and nothing where both ends are one point.
+    ``radii`` (2,) and ``rotation``, in degrees from the x axis to the first of them, define the ellipse; ``large``
+    chooses an arc of more than half a turn, ``sweep`` one along which the angle grows. By the formulas of SVG 1.1,
+    appendix F.6.5 and F.6.6: radii that are too small are scaled up; where one is zero the arc is a line. The list is
+    empty if both ends are one point. Each cubic spans an eighth of a turn at most, and is off by 4e-6 of the radius.
     """
     radii, chord = np.abs(radii), float(np.linalg.norm(end - start))
     if chord == 0:

@@ -34,6 +34,8 @@ def cases() -> list[ConformanceCase]:
 
 
 def _polyline_sampler(corners: Floats) -> Callable[[np.random.Generator, int], Floats]:
+    """Return a function of a generator and n that draws points (n, 2) of the polyline with ``corners`` (k, 2)."""
+
     def samples(rng: np.random.Generator, n: int) -> Floats:
         at, t = rng.integers(0, len(corners) - 1, n), rng.uniform(size=(n, 1))
         return (1.0 - t) * corners[at] + t * corners[at + 1]

@@ -91,6 +91,10 @@ def read_drawing(path: str | Path) -> Drawing:
 
 
 def _canvas(attributes: Mapping[str, str]) -> Floats:
+    """Return the lower and upper corners (2, 2) of the canvas, y downwards, from the root's ``attributes``.
+
+    They are those of the viewBox, else (0, 0) and (width, height). Raise InputError if both are missing or damaged.
+    """
     if "viewBox" in attributes:
         x, y, width, height = Scanner(attributes["viewBox"], "viewBox").numbers(4)
     elif {"width", "height"} <= set(attributes):
@@ -105,9 +109,11 @@ def _canvas(attributes: Mapping[str, str]) -> Floats:
 def _curves(
     element: Element, outer: Floats, above: Mapping[str, str], named: Mapping[str, Element], count: list[int]
 ) -> Iterator[DrawnCurve]:
-    """Yield the curves of an element and its descendants, mapped by ``outer`` (2, 3), with properties inherited.
+    """Yield the curves of an element and its descendants, with properties inherited, in the order of the file.
 
-    ``above`` are inherited properties, ``named`` the elements by id; ``count[0]`` is increased for each shape.
+    ``outer`` (2, 3) maps the coordinates in which the element stands to the drawing's, as matrix and then translation;
+    ``above`` are inherited properties, ``named`` the elements by id; ``count[0]`` is increased for each shape. Raise
+    InputError if an element draws what is no curve, or an attribute is damaged.
     """
     own = {**above, **properties(element)}
     label = f"{element.name} {shown(own['id'])}" if "id" in element.attributes else element.name
@@ -128,6 +134,11 @@ def _curves(
 def _shape_curves(
     element: Element, own: Mapping[str, str], place: Floats, named: Mapping[str, Element], number: str
 ) -> Iterator[DrawnCurve]:
+    """Yield the subpaths of a shape ``element``, mapped by ``place`` (2, 3), with the colours of their sides.
+
+    ``own`` are its properties, inherited ones among them, ``named`` the elements by id, ``number`` is its name if it
+    has no id. Raise InputError if an attribute is damaged.
+    """
     identity = element.attributes.get("id", "")
     name = identity or number
     parts = subpaths(shape_path_data(element.name, own, name), f"path data of {shown(name)}")

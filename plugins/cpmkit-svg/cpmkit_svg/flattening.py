@@ -11,10 +11,11 @@ TOLERANCE_SHARE, MOST_CHORDS = 1e-5, 2000
 
 
 def flatten_cubics(cubics: Floats) -> Floats:
-    """Return points (n, 2) along consecutive cubics (k, 4, 2), including their ends.
+    """Return points (p, 2) along ``cubics`` (k, 4, 2), each of which starts where the last ended, and their ends.
 
-    The chords of n equal parts of the parameter deviate from a cubic by at most 6/8 of the largest second difference of
-    its control points over n^2.
+    The chords deviate from the curve by at most :data:`TOLERANCE_SHARE` of the longest side of the control points' box,
+    unless a cubic needs more than :data:`MOST_CHORDS`. For c chords at equal steps of its parameter the deviation is at
+    most 6/8 of the largest second difference of its control points, over c^2.
     """
     tolerance = TOLERANCE_SHARE * float(np.ptp(cubics.reshape(-1, 2), axis=0).max())
     bend = np.linalg.norm(np.diff(cubics, n=2, axis=1), axis=2).max(axis=1)
@@ -24,5 +25,6 @@ def flatten_cubics(cubics: Floats) -> Floats:
 
 
 def _cubic_points(cubic: Floats, t: Floats) -> Floats:
+    """Return points (c, 2) of the Bezier curve of the control points ``cubic`` (4, 2) at ``t`` (c,) in [0, 1]."""
     s = 1 - t
     return np.stack([s**3, 3 * s**2 * t, 3 * s * t**2, t**3], axis=1) @ cubic

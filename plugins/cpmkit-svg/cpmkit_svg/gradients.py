@@ -22,18 +22,18 @@ HREFS = ("href", "http://www.w3.org/1999/xlink href")
 
 @dataclass(frozen=True, eq=False)
 class Stops:
-    """Colours (k, 3) at shares (k,) of a path's length, ascending."""
+    """Colours (k, 3), red, green and blue from 0 to 1, at shares ``offsets`` (k,) of a path's length, ascending."""
 
     offsets: Floats
     colours: Floats
 
     def colours_at(self, shares: Floats) -> Floats:
-        """Return the colours (n, 3) at shares (n,) of the length."""
+        """Return the colours (n, 3) at shares (n,) of the length: linear between stops, constant beyond them."""
         return np.stack([np.interp(shares, self.offsets, channel) for channel in self.colours.T], axis=1)
 
 
 def properties(element: Element) -> dict[str, str]:
-    """Return the attributes of an element, replaced by the entries of its attribute ``style``."""
+    """Return the attributes of an element by name, replaced by the entries of its attribute ``style``."""
     own = dict(element.attributes)
     for entry in own.pop("style", "").split(";"):
         name, colon, value = entry.partition(":")
@@ -45,7 +45,8 @@ def properties(element: Element) -> dict[str, str]:
 def stops_of(given: str, named: Mapping[str, Element], label: str) -> Stops | None:
     """Return the colours of an attribute's text ``given``, a colour or gradient among ``named``; None for ``none``.
 
-    Raise InputError if it is neither a colour nor a gradient of the drawing with stops.
+    ``named`` are the drawing's elements by id; ``label`` names the attribute in errors. Raise InputError if the text is
+    neither a colour nor ``url(#id)`` of a gradient with stops, of its own or through others, or a stop is not opaque.
     """
     if given.strip() == "none":
         return None
@@ -65,6 +66,11 @@ def stops_of(given: str, named: Mapping[str, Element], label: str) -> Stops | No
 
 
 def _parse_stops(entries: list[dict[str, str]], label: str) -> Stops:
+    """Return the stops of a gradient, the properties of each of which are an entry of ``entries``.
+
+    Offsets are clipped to [0, 1] and never decrease. Raise InputError, which names ``label``, if a stop is not opaque
+    or damaged.
+    """
     for entry in entries:
         if entry.get("stop-opacity", "1") not in ("1", "1.0", "100%"):
             raise InputError(f"{label} has a stop that lets light through; curves hold opaque colours.")
@@ -74,6 +80,7 @@ def _parse_stops(entries: list[dict[str, str]], label: str) -> Stops:
 
 
 def _parse_share(text: str, label: str) -> float:
+    """Return a stop's offset, a number or percentage, as a share; raise InputError, naming ``label``, if neither."""
     number = NUMBER.fullmatch(text.strip().removesuffix("%"))
     if number is None:
         raise InputError(f"offset of {label} must be a number or a percentage, got {shown(text)}.")
@@ -81,6 +88,7 @@ def _parse_share(text: str, label: str) -> float:
 
 
 def _parse_colour(text: str, label: str) -> Floats:
+    """Return (3,) red, green and blue from 0 to 1 of a colour's text; raise InputError, naming ``label``, if none."""
     numbers = RGB.fullmatch(text.strip())
     if numbers:
         return as_colour([min(int(entry), 255) / 255 for entry in numbers.groups()], label)

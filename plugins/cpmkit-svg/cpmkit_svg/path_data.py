@@ -70,7 +70,11 @@ class _Pen:
         self.found: list[Subpath] = []
 
     def draw(self, command: str, given: list[float]) -> None:
-        """Draw the path command ``command`` with its numbers ``given``, from the pen's position."""
+        """Draw the path command ``command`` with its numbers ``given``, in their order in the path data.
+
+        It starts at the pen's position. A lower-case command has coordinates relative to that position. Closed subpaths
+        are appended to :attr:`found`.
+        """
         kind = command.upper()
         origin = self.at if command.islower() else np.zeros(2)
         handle = 2 * self.at - self.handle if self.handle_of == {"S": "C", "T": "Q"}.get(kind) else self.at
@@ -91,7 +95,11 @@ class _Pen:
         self.handle_of = {"S": "C", "T": "Q"}.get(kind, kind)
 
     def _draw_curve(self, kind: str, points: Floats, handle: Floats) -> None:
-        """Draw a line, or a curve with one or two control points."""
+        """Draw a line, or a curve with one or two control points, to the last of ``points`` (k, 2), as one cubic.
+
+        ``kind`` is the command's upper-case letter, L, C, S, Q or T. ``points`` are absolute, with the control points
+        first; those of S and T lack the first control point, which is ``handle`` (2,).
+        """
         controls = [handle, *points] if kind in "ST" else list(points)
         self.handle = controls[-2] if len(controls) > 1 else controls[-1]
         if len(controls) == 1:
@@ -105,11 +113,15 @@ class _Pen:
         self._add([cubic], controls[-1])
 
     def _add(self, cubics: list[Floats], end: Floats) -> None:
+        """Append ``cubics`` (4, 2), but for those of one point, to the subpath, and move the pen to ``end`` (2,)."""
         self.cubics += [point for point in cubics if (point != point[0]).any()]
         self.at = end
 
     def end_subpath(self, *, closed: bool) -> None:
-        """End the subpath, with a line back to where it began if it is closed."""
+        """Append the subpath, if it is not empty, to :attr:`found`; if ``closed``, with a line back to where it began.
+
+        The pen is then where the subpath began.
+        """
         if closed and (self.at != self.begin).any():
             self._add([np.linspace(self.at, self.begin, 4)], self.begin)
         if self.cubics:

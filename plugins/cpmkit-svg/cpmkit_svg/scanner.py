@@ -21,7 +21,7 @@ class Scanner:
         self.words, self.label, self.place = text, label, 0
 
     def match(self, pattern: re.Pattern[str]) -> str:
-        """Return the text at the position if it matches the pattern, and advance; else an empty text."""
+        """Move past separators; return the text there that matches the pattern and move past it, else an empty text."""
         self.place = SEPARATORS.match(self.words, self.place).end()  # type: ignore[union-attr]
         match = pattern.match(self.words, self.place)
         if match is None:
@@ -38,7 +38,7 @@ class Scanner:
         return self._expect(FLAG, "a flag, 0 or 1,") == "1"
 
     def number_follows(self) -> bool:
-        """Return whether a number follows."""
+        """Return whether a number follows; the position stays."""
         before = self.place
         matches = bool(self.match(NUMBER))
         self.place = before
@@ -51,12 +51,13 @@ class Scanner:
         return self.place == len(self.words)
 
     def syntax_error(self, expected: str) -> InputError:
-        """Return, not raise, an InputError that names ``expected`` and the text at the position."""
+        """Return, not raise, an InputError: ``expected`` was expected where the text at the position stands."""
         rest = self.words[self.place : self.place + 20]
         got = shown(rest) if rest else "its end"
         return InputError(f"{self.label}: {expected} was expected at character {self.place + 1}, got {got}.")
 
     def _number(self) -> float:
+        """Return the next number and move past it; raise InputError if there is none, or none of single precision."""
         before = self.place
         number = float(self._expect(NUMBER, "a number"))
         if abs(number) > LARGEST_NUMBER:
@@ -65,6 +66,7 @@ class Scanner:
         return number
 
     def _expect(self, pattern: re.Pattern[str], expected: str) -> str:
+        """Return the text that matches ``pattern`` and move past it, else raise InputError, naming ``expected``."""
         text = self.match(pattern)
         if not text:
             raise self.syntax_error(expected)

@@ -96,7 +96,7 @@ def draw(
 
 
 def _boundaries(curve: DrawnCurve, lower: Floats, upper: Floats) -> list[Boundary]:
-    """Return a boundary for each piece of a curve on the canvas."""
+    """Return a boundary for each piece of a curve on the canvas, whose corners are ``lower`` and ``upper`` (2,)."""
     pieces = clip_polyline(curve.points, lower, upper)
     uncut = len(pieces) == 1 and len(pieces[0].points) == len(curve.points)
     names = [curve.name] if len(pieces) == 1 else [f"{curve.name}, piece {k}" for k in range(len(pieces))]
@@ -104,6 +104,10 @@ def _boundaries(curve: DrawnCurve, lower: Floats, upper: Floats) -> list[Boundar
 
 
 def _boundary(curve: DrawnCurve, name: str, piece: PolylinePiece, closed: bool) -> Boundary:
+    """Return the boundary ``name`` of a ``piece`` of ``curve``: Dirichlet with its colours, no flux on a side without.
+
+    ``closed`` says whether the last point of the piece is connected to its first.
+    """
     polyline = source("mesh.polyline", points=piece.points, closed=closed)
 
     def condition(stops: Stops | None) -> Any:

@@ -12,9 +12,9 @@ LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:px)?\s*")
 
 
 def parse_length(text: str, label: str) -> float:
-    """Return a length in the user's unit; other units are refused.
+    """Return a length in the user's unit, a number with or without ``px`` after it.
 
-    Raise InputError if it is no number, but for ``px`` after it, or larger than numbers of SVG are.
+    Raise InputError, which names ``label``, if it is something else, or larger than numbers of SVG are.
     """
     found = LENGTH.fullmatch(text)
     if found is None or abs(float(found[1])) > LARGEST_NUMBER:
@@ -23,7 +23,10 @@ def parse_length(text: str, label: str) -> float:
 
 
 def shape_path_data(name: str, attributes: Mapping[str, str], label: str) -> str:
-    """Return the path data of the shape element ``name`` with ``attributes``; raise InputError if one is damaged."""
+    """Return the path data of the shape element ``name`` with ``attributes``, empty if it has no points.
+
+    Raise InputError, which names ``label``, if an attribute is damaged, or a rectangle has round corners.
+    """
     if name == "path":
         return attributes.get("d", "")
     if name in ("polyline", "polygon"):
@@ -36,6 +39,7 @@ def shape_path_data(name: str, attributes: Mapping[str, str], label: str) -> str
 
 
 def _polyline_path_data(points: str, closed: bool, label: str) -> str:
+    """Return path data of the corners in an attribute ``points``; raise InputError, naming ``label``, if damaged."""
     scanner, numbers = Scanner(points, f"points of {label}"), []
     while not scanner.at_end:
         numbers += scanner.numbers(2)
@@ -47,6 +51,7 @@ def _line_path_data(of: Callable[[str], float]) -> str:
 
 
 def _rectangle_path_data(of: Callable[[str], float]) -> str:
+    """Return the path data of a rectangle with the numbers ``of(key)``; raise InputError if its corners are round."""
     if of("rx") or of("ry"):
         raise InputError("rectangles with rounded corners are not read; make a path of them.")
     return f"M {of('x')!r} {of('y')!r} h {of('width')!r} v {of('height')!r} h {-of('width')!r} Z"
@@ -61,6 +66,7 @@ def _ellipse_data(of: Callable[[str], float]) -> str:
 
 
 def _ellipse_path_data(x: float, y: float, rx: float, ry: float) -> str:
+    """Return the path data of an ellipse about (x, y) with radii rx and ry, of two half arcs."""
     half = f"A {rx!r} {ry!r} 0 0 1"
     return f"M {x + rx!r} {y!r} {half} {x - rx!r} {y!r} {half} {x + rx!r} {y!r} Z"
 

@@ -15,7 +15,7 @@ ACCEPTED = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 
 
 
 def parse_transform(text: str, label: str) -> Floats:
-    """Return the affine map (2, 3) of a list of transforms, the last of which acts first.
+    """Return the affine map (2, 3) of a list of transforms, the last of which acts first: a matrix, then a translation.
 
     Raise InputError if a transform is not in SVG, or has another count of numbers; ``label`` names the element in the
     message.
@@ -39,6 +39,7 @@ def parse_transform(text: str, label: str) -> Floats:
 
 
 def _transform_matrix(name: str, numbers: list[float]) -> Floats:
+    """Return the matrix (3, 3), acting on (x, y, 1), of the SVG transform ``name`` with ``numbers``."""
     a, b, c, d, e, f = 1.0, 0.0, 0.0, 1.0, 0.0, 0.0
     if name == "matrix":
         a, b, c, d, e, f = numbers
@@ -59,5 +60,5 @@ def _transform_matrix(name: str, numbers: list[float]) -> Floats:
 
 
 def compose_maps(outer: Floats, inner: Floats) -> Floats:
-    """Return the map (2, 3) that applies ``inner`` (2, 3) and then ``outer``."""
+    """Return the affine map (2, 3), of matrix and translation, that applies ``inner`` (2, 3) and then ``outer``."""
     return outer[:, :2] @ inner + np.hstack([np.zeros((2, 2)), outer[:, 2:]])

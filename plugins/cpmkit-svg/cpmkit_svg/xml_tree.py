@@ -73,7 +73,7 @@ class _Builder:
         )
 
     def start_element(self, name: str, attributes: dict[str, str]) -> None:
-        """Add an element to the open element; raise InputError if there are too many, or too deep ones."""
+        """Add an element to the open element and open it; raise InputError if there are too many, or too deep ones."""
         self.count += 1
         if self.count > MOST_ELEMENTS or len(self.open) >= MOST_DEPTH:
             raise InputError(
