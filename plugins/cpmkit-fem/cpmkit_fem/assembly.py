@@ -52,7 +52,10 @@ def stiffness_and_mass(
 
 
 def weighted_mass(vertices: Floats, cells: Ints, weight: Floats, manifold_dim: int, degree: int) -> csr_array:
-    """Return the integrals (v, v) of ``weight`` u v over ``cells`` (m, n); the weight (v,) is given at vertices."""
+    """Return the integrals (v, v) of w u v over ``cells`` (m, c), the nodes of each in the order of its element.
+
+    ``weight`` (v,) is w at the nodes ``vertices`` (v, d), a polynomial of ``degree`` in each cell.
+    """
     return _assemble(vertices, cells, _basis_at_quadrature(manifold_dim, degree, weight), weight, False)
 
 
@@ -64,11 +67,15 @@ def lump_mass(mass: csr_array) -> csr_array:
 
 
 def _basis_at_quadrature(manifold_dim: int, degree: int, weight: Floats | None) -> Shape:
+    """Return the basis functions at points that integrate products of two exactly, with a ``weight`` of three."""
     return quadrature(manifold_dim, degree, degree * (PRODUCTS + (weight is not None)))
 
 
 def _assemble(vertices: Floats, cells: Ints, shape: Shape, weight: Floats | None, slopes: bool) -> csr_array:
-    """Return integrals (v, v) of ``weight`` (v,), None for 1, times products of functions, or of their ``slopes``."""
+    """Return the integrals (v, v) over ``cells`` (m, c) of w u v, or, if ``slopes``, of w grad u . grad v.
+
+    ``weight`` (v,) is w at the nodes ``vertices`` (v, d), None for 1; ``shape`` are the basis functions at the points.
+    """
     from scipy.sparse import csr_array
 
     measure, inverse = measure_and_pseudoinverse(jacobians(vertices, cells, shape))

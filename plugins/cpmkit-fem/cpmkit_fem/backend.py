@@ -59,8 +59,8 @@ class Elements:
     ) -> FiniteElements:
         """Discretise a scene on triangles or segments.
 
-        Raise InputError, SceneError if there are no cells, the degree is another, a boundary lies off the cells, or a
-        condition that couples two sides has only one. Raise ResolutionError if all vertices are pinned.
+        Raise InputError or SceneError if there are no cells, the degree is neither 1 nor 2, a boundary lies off the
+        cells, or a condition that couples two sides has only one. Raise ResolutionError if all vertices are pinned.
 
         Parameters
         ----------
@@ -71,7 +71,7 @@ class Elements:
         degree : int
             Degree of the polynomials on each cell: 1, or 2 with curved cells on a surface that is no mesh.
         progress : callable, optional
-            ``progress(stage, fraction)``.
+            ``progress(stage, fraction)``, with the stage "build" and a fraction from 0 to 1.
         """
         if degree not in (1, 2):
             raise InputError(f"backend='fem' has elements of degree 1 and 2, got degree={degree!r}; use degree=2.")
@@ -120,6 +120,7 @@ def _flat_cell_warnings(mesh: CellMesh, off: Floats) -> Iterator[str]:
 
 
 def _discretize(scene: Scene, mesh: CellMesh, cut: CutMesh | None, progress: Progress) -> FiniteElements:
+    """Return the form on ``mesh``, that of ``cut`` unless None; raise ResolutionError if all nodes are pinned."""
     parts, ties = conditions_of(scene, mesh, cut), ties_of(scene, mesh, cut)
     pins = pins_of(parts, ties, scene.channels)
     if len(pins.vertices) == len(mesh.nodes):

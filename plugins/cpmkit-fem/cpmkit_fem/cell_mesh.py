@@ -50,7 +50,10 @@ class CellMesh:
 
     @cached_property
     def facets(self) -> tuple[Ints, Ints, Ints]:
-        """The facets' nodes (f, c), edges or ends of cells; how many cells (f,) each has; a corner (f,) opposite it."""
+        """The facets' nodes (f, c), edges or ends of cells; how many cells (f,) each has; a corner (f,) opposite it.
+
+        Of degree 2 the midpoint of an edge is the last of its nodes.
+        """
         k = self.manifold_dim + 1
         around = (np.arange(k)[:, None] + np.arange(1, k)) % k
         facets, opposite = self.corners[:, around].reshape(-1, k - 1), self.corners.ravel()
@@ -59,7 +62,10 @@ class CellMesh:
         return self.facet_nodes(facets[first]), count, opposite[first]
 
     def facet_nodes(self, facets: Ints) -> Ints:
-        """Return the nodes (f, c) of facets that are given by their corners (f, k - 1), edges or points."""
+        """Return the nodes (f, c) of facets that are given by their corners (f, k - 1), edges or points.
+
+        Of degree 2 the midpoint of an edge is the last of its nodes. Each edge must be one of the mesh.
+        """
         if self.degree == 1 or facets.shape[1] == 1:
             return facets
         keys, nodes = self._midpoints
@@ -67,11 +73,13 @@ class CellMesh:
 
     @cached_property
     def _midpoints(self) -> tuple[Ints, Ints]:
+        """The keys (e,) of the edges, ascending, and the node (e,) at the midpoint of each."""
         pairs, nodes = self.corners[:, EDGES_OF[self.manifold_dim]], self.cells[:, self.manifold_dim + 1 :]
         keys, first = np.unique(self._edge_keys(pairs.reshape(-1, 2)), return_index=True)
         return keys, nodes.ravel()[first]
 
     def _edge_keys(self, pairs: Ints) -> Ints:
+        """Return (e,) a number for each pair of nodes ``pairs`` (e, 2), the same in either order."""
         low, high = np.sort(pairs, axis=1).T
         return np.asarray(low * len(self.nodes) + high)
 
@@ -107,6 +115,6 @@ class CellMesh:
 
 
 def edge_lengths(nodes: Floats, pairs: Ints) -> Floats:
-    """Return the distances (e,) of pairs (e, 2) of nodes."""
+    """Return the distances (e,) between the two ``nodes`` (n, d) of each of ``pairs`` (e, 2)."""
     found: Floats = np.linalg.norm(nodes[pairs[:, 1]] - nodes[pairs[:, 0]], axis=1)
     return found

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def change_of_unknowns(ties: Sequence[Tie], size: int) -> csr_array | None:
-    """Return T (size, size), which changes values at nodes to unknowns and back; None if no unknown is a jump."""
+    """Return T (size, size), its own inverse, from unknowns to values at nodes; None if no unknown is a jump."""
     from scipy.sparse import csr_array
 
     left, right = sides_of_jumps(ties)

@@ -43,7 +43,10 @@ class Shape:
 
 @lru_cache(maxsize=16)
 def quadrature(manifold_dim: int, degree: int, order: int) -> Shape:
-    """Return the basis functions at quadrature points that are exact for polynomials up to ``order``; cached."""
+    """Return the basis functions at quadrature points that are exact for polynomials up to ``order``.
+
+    ``degree`` is that of the functions, 1 or 2. The record is cached: do not change its arrays.
+    """
     from skfem.quadrature import get_quadrature
 
     if manifold_dim == 0:
@@ -53,7 +56,11 @@ def quadrature(manifold_dim: int, degree: int, order: int) -> Shape:
 
 
 def shape_at(manifold_dim: int, degree: int, points: Floats, weights: Floats | None = None) -> Shape:
-    """Return the basis functions at ``points`` (k, q) of the reference element; ``weights`` (q,) are 1 by default."""
+    """Return the basis functions at ``points`` (k, q) of the reference element; ``weights`` (q,) are 1 by default.
+
+    Coordinates go from 0 to 1 and are barycentric ones of corners 1 to k. The functions are ordered as nodes: corners,
+    then midpoints in the order of :data:`EDGES_OF`.
+    """
     found = [_element(manifold_dim, degree).lbasis(points, i) for i in range(NODES[manifold_dim, degree])]
     count = points.shape[1]
     values = np.stack([np.broadcast_to(phi, (count,)) for phi, _ in found])
@@ -62,6 +69,7 @@ def shape_at(manifold_dim: int, degree: int, points: Floats, weights: Floats | N
 
 
 def _element(manifold_dim: int, degree: int):  # type: ignore[no-untyped-def]  # scikit-fem has no types
+    """Return scikit-fem's Lagrange element of ``degree`` 1 or 2 on a reference segment or triangle."""
     from skfem import ElementLineP1, ElementLineP2, ElementTriP1, ElementTriP2
 
     return {(1, 1): ElementLineP1, (2, 1): ElementTriP1, (1, 2): ElementLineP2, (2, 2): ElementTriP2}[
@@ -70,5 +78,8 @@ def _element(manifold_dim: int, degree: int):  # type: ignore[no-untyped-def]  #
 
 
 def split_into_linear_cells(cells: Ints, manifold_dim: int, degree: int) -> Ints:
-    """Return linear cells (p, k) between nodes of ``cells`` (m, n); of degree 2 four a triangle, two a segment."""
+    """Return linear cells (p, k) between nodes of ``cells`` (m, n), those of one cell after those of another.
+
+    Of degree 2 a triangle has four, with its orientation, and a segment two.
+    """
     return np.ascontiguousarray(cells[:, PARTS[manifold_dim, degree]].reshape(-1, manifold_dim + 1))

@@ -36,8 +36,8 @@ class Equations(OnNodes):
     def stiffness(self, terms: Terms) -> VertexOperator:
         """Return A, the integrals of a grad u . grad v + c u v, and over the rim of a beta / alpha u v, with ties.
 
-        Raise SceneError if there is a velocity. Raise InputError if a diffusivity is not above zero, or a lumped mass
-        is of degree 2.
+        Rows and columns of pinned nodes are those of a diagonal matrix. Raise SceneError if there is a velocity. Raise
+        InputError if a diffusivity is not above zero, or a lumped mass is of degree 2.
         """
         if terms.velocity is not None:
             kind = self.scene.problem.kind
@@ -79,7 +79,10 @@ class Equations(OnNodes):
         return b
 
     def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
-        """Return the load (n, channels) of the conditions' data at ``time``: fluxes, jumps and prescribed values."""
+        """Return the load (n, channels) of the conditions' data at ``time``: fluxes, jumps and prescribed values.
+
+        ``stiffness`` is an answer of :meth:`stiffness`; ``of`` is ignored.
+        """
         del of  # a second Laplacian is refused
         assert isinstance(stiffness, VertexOperator)
         b = np.zeros((self.size, self.scene.channels))
@@ -121,7 +124,10 @@ class Equations(OnNodes):
         return [part for part in self.rim if isinstance(part.law, Nonlinear)]
 
     def linearise(self, seen: Sequence[Floats]) -> Self:
-        """Return form with each nonlinear flux replaced by its tangent at ``seen``, u at each such part's vertices."""
+        """Return the form with each nonlinear flux replaced by its tangent at ``seen``.
+
+        ``seen`` holds u (k,) at the vertices of each of :attr:`state_fluxes`, in their order.
+        """
         values = iter(seen)
         rim = [part.linearise(next(values)) if isinstance(part.law, Nonlinear) else part for part in self.rim]
         return replace(self, rim=rim)

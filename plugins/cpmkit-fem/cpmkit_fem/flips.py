@@ -16,9 +16,10 @@ ROUNDS = 6
 
 
 def flip_thin_triangles(mesh: CellMesh, kept: Ints) -> CellMesh:
-    """Return the mesh with longest edges of thin triangles flipped, except for the edges ``kept`` (e, 2).
+    """Return ``mesh``, of degree 1, with longest edges of thin triangles flipped, except for the edges ``kept`` (e, 2).
 
-    Edges of the rim, and so those on cuts, have no other diagonal.
+    An edge is flipped where both new triangles are less thin than the thinner old one, in :data:`ROUNDS` rounds at
+    most. Edges of the rim, and so those on cuts, have no other diagonal.
     """
     size = len(mesh.nodes)
     kept_keys = _edge_keys(kept, size)
@@ -50,14 +51,14 @@ def flip_thin_triangles(mesh: CellMesh, kept: Ints) -> CellMesh:
 
 
 def _start_at_longest_edge(nodes: Floats, cells: Ints) -> Ints:
-    """Return the triangles (m, 3) turned so that their longest edge goes from the first corner to the second."""
+    """Return the triangles (m, 3), in their orientation, with the longest edge from the first corner to the second."""
     sides = np.linalg.norm(nodes[np.roll(cells, -1, axis=1)] - nodes[cells], axis=2)
     turn = (np.argmax(sides, axis=1)[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells, turn, axis=1)
 
 
 def _height_ratios(nodes: Floats, cells: Ints) -> Floats:
-    """Return (...) the height over the longest edge of each triangle (..., 3), divided by that edge."""
+    """Return (...) the height of each triangle (..., 3) above its longest edge, divided by that edge."""
     corners = nodes[cells]
     first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=-2), axis=-1).max(axis=-1)
@@ -72,7 +73,10 @@ def _improving_flips(nodes: Floats, new: Ints, thin: Ints, other: Ints) -> Bools
 
 
 def _independent_flips(thin: Ints, other: Ints, wanted: Bools, count: int) -> Bools:
-    """Return (k,) which flips are the first, of those ``wanted`` (k,), of both triangles ``thin`` and ``other``."""
+    """Return (k,) which flips are the first, of those ``wanted`` (k,), of both triangles ``thin`` and ``other`` (k,).
+
+    ``count`` is the number of all triangles.
+    """
     number = np.arange(len(thin))
     first = np.full(count, len(thin))
     for cells in (thin, other):
@@ -81,5 +85,6 @@ def _independent_flips(thin: Ints, other: Ints, wanted: Bools, count: int) -> Bo
 
 
 def _edge_keys(pairs: Ints, size: int) -> Ints:
+    """Return (e,) a number for each pair of nodes ``pairs`` (e, 2), below ``size``; the same in either order."""
     low, high = np.sort(pairs, axis=1).T
     return np.asarray(low * size + high)

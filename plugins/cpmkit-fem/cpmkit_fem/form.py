@@ -50,7 +50,10 @@ class FiniteElements(Equations):
         return values if rows is None else values[rows]
 
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
-        """Return unknowns of ``values`` (n, channels), with prescribed values at ``time``, by default the start's."""
+        """Return unknowns of ``values`` (n, channels) at nodes, with the values prescribed at ``time``.
+
+        By default it is the start time of the problem; ``start`` is ignored.
+        """
         del start
         return self._with_prescribed(values, self.pins.values(self.scene.problem.start_time if time is None else time))
 
@@ -59,7 +62,8 @@ class FiniteElements(Equations):
     ) -> Floats:
         """Return the unknowns (n, channels) of ``data`` at nodes and ``time``; at pinned nodes the prescribed values.
 
-        With a ``step`` above 0 those are rates: differences over the step. ``label`` names the data in errors.
+        With a ``step`` above 0 the latter are rates: differences over the step. ``label`` names the data in errors;
+        ``in_range`` is ignored.
         """
         del in_range
         prescribed = self.pins.values(time)
@@ -70,8 +74,8 @@ class FiniteElements(Equations):
     def _with_prescribed(self, values: Floats, prescribed: Floats) -> Floats:
         """Return unknowns of ``values`` (n, channels) at nodes, with ``prescribed`` (p, channels) at pinned vertices.
 
-        Where a jump changes, both of its sides move in inverse proportion to their masses, so that the integral is
-        kept.
+        Where a jump is prescribed, both of its sides move in inverse proportion to their masses, so that the integral
+        is kept.
         """
         u = self.change_variables(values).copy()
         left, right = sides_of_jumps(self.ties)

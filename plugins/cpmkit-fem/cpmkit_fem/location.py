@@ -40,8 +40,9 @@ def _nearest_cells_of_one_size(
 ) -> tuple[Ints, Floats, Floats]:
     """Return the nearest (n,) of cells (m, k, d), barycentric coordinates (n, k) and distances (n,).
 
-    Answers are exact only below ``bound`` (n,). A cell lies within ``radius`` of its centroid. So none past the k
-    nearest centroids can be nearer once the best distance is below the k-th centroid's less the radius.
+    ``corners`` (m, k, d) are those of the cells, each within ``radius`` of its centroid. Answers are exact only below
+    ``bound`` (n,). None past the c nearest centroids can be nearer once the best distance is below the c-th centroid's
+    less the radius.
     """
     from scipy.spatial import cKDTree
 
@@ -63,7 +64,10 @@ def _nearest_cells_of_one_size(
 
 
 def _foot_coordinates(corners: Floats, queries: Floats) -> tuple[Floats, Floats]:
-    """Return the barycentric coordinates (n, c, k) of the nearest points of cells (n, c, k, d), and distances."""
+    """Return barycentric coordinates (n, c, k) of the points nearest to queries (n, d), and distances (n, c).
+
+    ``corners`` (n, c, k, d) are those of c cells for each query.
+    """
     if corners.shape[2] == 2:
         weights = _edge_foot_coordinates(corners, queries, 0)
         return weights, np.linalg.norm(np.einsum("nkc,nkcd->nkd", weights, corners) - queries[:, None, :], axis=2)
@@ -83,7 +87,10 @@ def _foot_coordinates(corners: Floats, queries: Floats) -> tuple[Floats, Floats]
 
 
 def _plane_foot_coordinates(corners: Floats, queries: Floats) -> Floats:
-    """Return barycentric coordinates (n, c, 3) of the queries' projections on triangles' planes; -1 without area."""
+    """Return barycentric coordinates (n, c, 3) of queries (n, d) projected on the planes of triangles (n, c, 3, d).
+
+    Those outside a triangle have a negative one; a triangle without area gets -1.
+    """
     a, e, f = corners[..., 0, :], corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     d = queries[:, None, :] - a
     ee, ef, ff, ed, fd = (np.sum(p * q, axis=-1) for p, q in ((e, e), (e, f), (f, f), (e, d), (f, d)))
@@ -94,7 +101,10 @@ def _plane_foot_coordinates(corners: Floats, queries: Floats) -> Floats:
 
 
 def _edge_foot_coordinates(corners: Floats, queries: Floats, side: int) -> Floats:
-    """Return barycentric coordinates (n, c, k) of the queries' nearest points on the edge that starts at ``side``."""
+    """Return barycentric coordinates (n, c, k) of the nearest points to queries (n, d) on edges of cells (n, c, k, d).
+
+    The edge is that from corner ``side`` to the next.
+    """
     k = corners.shape[2]
     start, end = corners[..., side, :], corners[..., (side + 1) % k, :]
     along = end - start

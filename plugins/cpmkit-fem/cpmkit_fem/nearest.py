@@ -21,7 +21,7 @@ THROUGH_VERTEX_SHARE = 1e-6
 
 
 def pinned_parts(scene: Scene, mesh: CellMesh) -> Sequence[RimPart]:
-    """Return the vertices nearest to each boundary, with its law.
+    """Return the vertices nearest to each boundary, with its law, in the order of the scene's boundaries.
 
     Raise SceneError if a boundary has other conditions than one Dirichlet condition on both sides, or lies off the
     mesh.
@@ -40,6 +40,10 @@ def pin_warnings(parts: Sequence[RimPart]) -> tuple[str, ...]:
 
 
 def _pinned_part(boundary: BoundarySet, mesh: CellMesh) -> RimPart:
+    """Return the vertices of ``mesh`` nearest to ``boundary``, with its law.
+
+    Raise SceneError if its sides have different conditions or no Dirichlet condition, or it lies off the mesh.
+    """
     left, right = (boundary.condition(side) for side in SIDES)
     if left is not right or not isinstance(left.law, Value):
         raise SceneError(

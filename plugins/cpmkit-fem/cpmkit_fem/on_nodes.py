@@ -67,7 +67,7 @@ class OnNodes(Discretized):
 
     @property
     def traits(self) -> FormTraits:
-        """Factors of a matrix of triangles are sparse enough for every mesh."""
+        """The form's traits: matrices of any size are factorised, since factors of those of triangles are sparse."""
         libraries = ("cpmkit", "cpmkit-fem", "scikit-fem", "numpy", "scipy")
         return FormTraits(factorise_up_to=np.inf, work_record=FemWork, libraries=libraries)
 
@@ -98,7 +98,10 @@ class OnNodes(Discretized):
         return points_on_own_side(self.scene, self.mesh, self.cut)
 
     def with_scene(self, scene: Scene) -> Self:
-        """Return this form for ``scene``, of the same geometry, with the same matrices and new conditions' data."""
+        """Return this form for ``scene``, of the same geometry, with the same matrices and new conditions' data.
+
+        Its boundaries must be as many, in the same order.
+        """
         pairs = zip(scene.boundaries, self.scene.boundaries, strict=True)
         if scene.edge is self.scene.edge and all(first is second for first, second in pairs):
             return replace(self, scene=scene, pins=replace(self.pins, channels=scene.channels))

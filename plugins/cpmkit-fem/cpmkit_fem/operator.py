@@ -60,7 +60,7 @@ def pinned_operator(
 
 
 def zero_pinned_rows(matrix: csr_array, pins: Ints, columns: bool) -> csr_array:
-    """Return the matrix (v, v) with zero rows at ``pins`` (p,), and zero columns if ``columns``."""
+    """Return the matrix (v, v) with zero rows at ``pins`` (p,), and zero columns there too if ``columns``."""
     free = np.ones(matrix.shape[0])
     free[pins] = 0.0
     kept = diagonal_matrix(free)

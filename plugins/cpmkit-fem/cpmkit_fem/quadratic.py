@@ -39,8 +39,8 @@ def curve_mesh(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellM
     """Return the mesh with nodes moved onto the surface, rim and boundaries, and (n,) their distances from that goal.
 
     ``mesh`` is of degree 2 with straight edges; ``cut`` is None without boundaries. Nodes near the rim and boundaries
-    move with these, so that thin cells keep their shape. A node stays where it is if it would move far or invert a
-    cell.
+    move with these, so that thin cells keep their shape. A node stays where it is if it would move farther than
+    :data:`MOVED_EDGE_SHARE` of an edge or invert a cell.
     """
     lines, wanted = _line_facets_and_targets(scene, mesh, cut)
     merged, number = _merge_nodes(mesh)
@@ -91,10 +91,10 @@ def _line_facets_and_targets(scene: Scene, mesh: CellMesh, cut: CutMesh | None) 
 
 
 def _displace_neighbours(mesh: CellMesh, lines: Ints, moved: Floats, points: Floats, reach: Floats) -> Floats:
-    """Return displacements of ``points`` (k, d) near the edges ``lines`` (f, 3) with ``moved`` (n, d) nodes.
+    """Return displacements (k, d) of ``points`` (k, d) near the edges ``lines`` (f, 3), whose nodes are displaced.
 
-    A point moves as its nearest place on a line, with a factor that decreases linearly to zero at the ``reach`` (n,) of
-    the line's nodes.
+    ``moved`` (n, d) are displacements of all nodes. A point moves as its nearest place on a line, with a factor that
+    decreases linearly to zero at the ``reach`` (n,) of the line's nodes. Of a line the midpoint is the last node.
     """
     line, local = nearest_cells(mesh.nodes, lines[:, :2], points)
     ends = lines[line]
@@ -132,7 +132,10 @@ def _untangle(mesh: CellMesh, wanted: Floats) -> Floats:
 
 
 def _inverted_cells(mesh: CellMesh, nodes: Floats) -> Bools:
-    """Return (m,) which cells with ``nodes`` (n, d) are inverted or below LEAST_MEASURE_SHARE of the flat measure."""
+    """Return (m,) which cells with ``nodes`` (n, d) are inverted or below LEAST_MEASURE_SHARE of the flat measure.
+
+    Their measures are compared at the nodes; ``mesh``, of degree 2, has the flat cells.
+    """
     dim = mesh.manifold_dim
     corners = np.array([[0, 1, 0, 0.5, 0.5, 0], [0, 0, 1, 0, 0.5, 0.5]]) if dim == 2 else np.array([[0, 1, 0.5]])
     flat = shape_at(dim, 1, corners[:, :1])

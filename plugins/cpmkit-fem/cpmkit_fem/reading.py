@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 def locate_on_curved_cells(mesh: CellMesh, cell: Ints, local: Floats, points: Floats) -> Floats:
     """Return the barycentric coordinates (k, c) of the places on curved cells nearest to ``points`` (k, d) near them.
 
-    ``cell`` (k,) are the cells; Newton's method starts from ``local`` (k, c) on the flat cells, which is returned where
-    the steps lead far away.
+    ``cell`` (k,) are the cells; :data:`STEPS` steps of Gauss and Newton start from ``local`` (k, c) on the flat cells,
+    which is returned where they change a coordinate by more than :data:`FARTHEST`.
     """
     start = local[:, 1:].T
     found, nodes = start, mesh.nodes[mesh.cells[cell]]

@@ -108,7 +108,7 @@ class RimPart:
         return self._flux.guess
 
     def read(self, u: Floats) -> Floats:
-        """Return the first channel (k,) of ``u`` (n, channels) at the part's vertices."""
+        """Return the first channel (k,) of ``u`` (n, channels) at :attr:`vertex_numbers`."""
         return np.asarray(u[self.vertex_numbers, 0])
 
     def grows(self, seen: Floats) -> bool:
@@ -127,9 +127,10 @@ class RimPart:
 
 
 def rim_of(scene: Scene, mesh: CellMesh, excluded: Ints) -> Sequence[RimPart]:
-    """Return the parts of the rim without the facets ``excluded`` (b, corners); none if the mesh is closed.
+    """Return the parts of the rim, one for each condition, without the facets ``excluded`` (b, corners).
 
-    Raise SceneError if a loop is not in the scene's table, or no part of the edge covers a place of it.
+    The list is empty if the mesh is closed. Raise SceneError if a loop is not in the scene's table, or no part of the
+    edge covers a place of it.
     """
     facets, opposite = rim_facets(mesh, excluded)
     if not len(facets):
@@ -141,7 +142,7 @@ def rim_of(scene: Scene, mesh: CellMesh, excluded: Ints) -> Sequence[RimPart]:
 
 
 def rim_facets(mesh: CellMesh, excluded: Ints) -> tuple[Ints, Ints]:
-    """Return facets (e, c) of one cell each, without ``excluded`` (b, corners), and the corner (e,) opposite each."""
+    """Return facets (e, c) of one cell each, except ``excluded`` (b, corners), and the corner (e,) opposite each."""
     facets, count, opposite = mesh.facets
     k, size = mesh.manifold_dim, len(mesh.nodes)
     powers = size ** np.arange(k)
@@ -150,7 +151,7 @@ def rim_facets(mesh: CellMesh, excluded: Ints) -> tuple[Ints, Ints]:
 
 
 def _move_ends_along_rim(mesh: CellMesh, facets: Ints, excluded: Ints) -> Floats:
-    """Return mesh's nodes (n, d), with ends of rim ``facets`` (e, c) in ``excluded`` moved a little along the rim."""
+    """Return the mesh's nodes (n, d), with ends of rim ``facets`` (e, c) in ``excluded`` moved along the rim."""
     target, ends = mesh.nodes.copy(), facets[:, : mesh.manifold_dim]
     facet, place = np.nonzero(np.isin(ends, excluded))
     at = ends[facet, place]

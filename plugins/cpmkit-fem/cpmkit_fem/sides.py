@@ -74,7 +74,10 @@ def locate_points(
 
 
 def points_on_own_side(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Floats:
-    """Return the nodes (n, d), those on boundaries moved from there a little towards their own cells."""
+    """Return the nodes (n, d), those on boundaries moved from there a little towards their own cells.
+
+    The way is :data:`INWARD_SHARE` of that to the mean centre of the cells. Without ``cut`` all nodes stay.
+    """
     if cut is None or not len(cut.edges):
         return mesh.nodes
     size, cells = len(mesh.nodes), mesh.cells
@@ -91,7 +94,10 @@ def points_on_own_side(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Flo
 
 
 def _cells_of_sides(mesh: CellMesh, cut: CutMesh, number: int) -> tuple[Bools, Bools]:
-    """Return (m,) which cells have a corner left of boundary ``number``, and (m,) which right of it, tips aside."""
+    """Return (m,) which cells have a corner left of boundary ``number``, and (m,) which right of it.
+
+    Ends of the boundary, which are on both sides, do not count.
+    """
     touching = []
     sides = [np.unique(cut.edges[(cut.owner == number) & those]) for those in (cut.left, ~cut.left)]
     for side, other in (sides, sides[::-1]):

@@ -14,7 +14,10 @@ from cpmkit_fem.elements import Shape
 
 
 def jacobians(nodes: Floats, cells: Ints, shape: Shape) -> Floats:
-    """Return Jacobians (k, d, m, q) of cells (m, n) at the q points of ``shape``; q is 1 where they are constant."""
+    """Return Jacobians (k, d, m, q) of cells (m, n) at the q points of ``shape``; q is 1 where they are constant.
+
+    Their first index is the axis of the reference element. ``nodes`` (v, d) are positions.
+    """
     slopes = shape.slopes
     if np.array_equal(slopes, np.broadcast_to(slopes[..., :1], slopes.shape)):
         slopes = slopes[..., :1]

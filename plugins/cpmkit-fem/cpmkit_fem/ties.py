@@ -134,6 +134,7 @@ class Tie:
         return self._of_sides(0.5, 0.5)
 
     def _of_sides(self, left: float, right: float) -> csr_array:
+        """Return the matrix (k, n) of ``left`` times the value on the left plus ``right`` times that on the right."""
         from scipy.sparse import csr_array
 
         count = len(self.left)
@@ -167,7 +168,10 @@ def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
 
 
 def _match_vertices(vertices: Floats, left: Ints, right: Ints) -> tuple[Ints, Bools]:
-    """Return the vertex of ``right`` at the point of each of ``left`` (k,), -1 for none, and (k,) which have none."""
+    """Return the vertex of ``right`` at the point of each of ``left`` (k,), -1 for none, and (k,) which have none.
+
+    Points are compared bit by bit; ``vertices`` (n, d) are positions.
+    """
     places = {point.tobytes(): int(vertex) for point, vertex in zip(vertices[right], right, strict=True)}
     partners = np.array([places.get(point.tobytes(), -1) for point in vertices[left]], dtype=np.int64)
     return partners, partners < 0

@@ -15,18 +15,11 @@ FEWEST_EDGES = (4, 8, 32)
 
 
 def triangulate(scene: Scene, spacing: float | None) -> CellMesh:
-    """Return the mesh, welded and checked, of the scene's surface or curve.
+    """Return the mesh, welded and checked, of the scene's surface or curve, with edges of about ``spacing``.
 
-    Raise InputError if the manifold is neither a surface nor a curve, or has no mesh, the spacing is needed and absent,
-    a triangle has no area, or curves meet where their meshes have no common vertex.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene; its boundaries are not used.
-    spacing : float or None
-        About the length of an edge. A source that is itself a mesh gives that one, whatever the spacing, and
-        needs none.
+    A source that is itself a mesh gives that one, whatever the spacing, and needs none. Boundaries are not used. Raise
+    InputError if the manifold is neither a surface nor a curve, or has no mesh, the spacing is needed and absent, a
+    triangle has no area, or curves meet where their meshes have no common vertex.
     """
     surface = scene.surface
     dim = surface.manifold_dim
@@ -49,7 +42,7 @@ def triangulate(scene: Scene, spacing: float | None) -> CellMesh:
 
 
 def own_mesh(surface: ClosestPointSource) -> tuple[Floats, Ints] | None:
-    """Return vertices and cells of a source that is itself a mesh; None if its mesh depends on the spacing."""
+    """Return vertices (v, d), cells (m, k) of a source that is itself a mesh; None if they depend on the spacing."""
     assert isinstance(surface, HasMesh)
     size = float(np.ptp(surface.bounds, axis=0).max())
     vertices, faces = surface.mesh(size / FEWEST_EDGES[0])
@@ -58,6 +51,10 @@ def own_mesh(surface: ClosestPointSource) -> tuple[Floats, Ints] | None:
 
 
 def _weld(vertices: Floats, faces: Ints) -> CellMesh:
+    """Return the mesh of ``faces`` (m, k) with vertices nearer than :data:`WELDED_SIZE_SHARE` or rounding merged.
+
+    Unused vertices, and cells that repeat a vertex, are left out.
+    """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
