@@ -75,6 +75,7 @@ def _rod(dim: int) -> Any:
 
 
 def _tube_points(rng: np.random.Generator, n: int) -> Floats:
+    """Return ``n`` random points (n, 3) of the torus of radii 1 and 0.3 about the z axis."""
     u, v = rng.uniform(0, 2 * np.pi, (2, n))
     around = 1 + 0.3 * np.cos(v)
     return np.stack([around * np.cos(u), around * np.sin(u), 0.3 * np.sin(v)], axis=1)
@@ -129,11 +130,14 @@ def _spots(rng: np.random.Generator, n: int) -> Floats:
 
 
 def _sphere_cut(rng: np.random.Generator, n: int) -> Floats:
+    """Return ``n`` random points (n, 3) of the circle in which the plane z = 0.6 cuts the unit sphere."""
     angle = rng.uniform(0, 2 * np.pi, n)
     return np.stack([0.8 * np.cos(angle), 0.8 * np.sin(angle), np.full(n, 0.6)], axis=1)
 
 
 def _cap(lowest: float) -> Draw:
+    """Return a draw of random points of the unit sphere with z above ``lowest``."""
+
     def draw(rng: np.random.Generator, n: int) -> Floats:
         z, angle = rng.uniform(lowest, 1.0, n), rng.uniform(0, 2 * np.pi, n)
         around = np.sqrt(1 - z**2)
@@ -153,6 +157,7 @@ def _filter_draw(draw: Draw, keep: Callable[[Floats], Any]) -> Draw:
 
 
 def _whole_torus(rng: np.random.Generator, n: int) -> Floats:
+    """Return ``n`` random points (n, 3) of the torus of radii 1 and 0.4 about the z axis."""
     u, v = rng.uniform(0, 2 * np.pi, (2, n))
     around = 1.0 + 0.4 * np.cos(v)
     return np.stack([around * np.cos(u), around * np.sin(u), 0.4 * np.sin(v)], axis=1)

@@ -32,7 +32,7 @@ class Crossings(NamedTuple):
 def find_crossings(cut: LevelCut) -> Crossings:
     """Return points of the cut, a few in each spacing, and its ends on the edge.
 
-    Raise InputError if the function does not change its sign on the manifold.
+    Raise InputError if the function does not change its sign on the manifold, or jumps over zero.
     """
     seeds, values = sample_near_zero(cut)
     low, high = _opposite_neighbours(seeds.points, values, SIGN_CHANGE_SPACINGS * cut.spacing)
@@ -56,8 +56,8 @@ def find_crossings(cut: LevelCut) -> Crossings:
 def sample_near_zero(cut: LevelCut) -> tuple[ClosestPoints, Floats]:
     """Return closest points that sample the manifold near the function's zeros, and the function's values (n,) there.
 
-    Blocks that the manifold does not meet, and blocks where the function's value exceeds its estimated variation over
-    the block, are discarded. Raise InputError if none remains.
+    Samples are a spacing apart. Blocks that the manifold does not meet, and blocks where the function's value exceeds
+    its estimated variation over the block, are discarded. Raise InputError if none remains.
     """
     dim, spacing = cut.surface.dim, cut.spacing
     children = np.stack(np.meshgrid(*[np.arange(2)] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
@@ -85,8 +85,8 @@ def find_zeros(
 ) -> ClosestPoints:
     """Return zeros on the manifold between points a and b (n, d), with values ``low`` <= 0 < ``high`` there (n,).
 
-    The path from a to b consists of the feet of the straight line, moved by ``past`` (n, d) if it is given. Paths that
-    jump from one sheet to another without a zero are omitted.
+    The path from a to b consists of the feet of the straight line, moved by ``past`` (n, d) if it is given; ``rounds``
+    is the largest number of iterations. Paths that jump from one sheet to another without a zero are omitted.
     """
     offset = np.zeros_like(a) if past is None else past
 
@@ -102,18 +102,10 @@ def find_zeros(
 
 
 def find_bracketed_zeros(function: Callable[[Floats, Ints], Floats], low: Floats, high: Floats, rounds: int) -> Floats:
-    """Return zeros (n,) in [0, 1] of functions with values ``low`` <= 0 at 0 and ``high`` > 0 at 1.
+    """Return zeros (n,) in [0, 1] of n functions with values ``low`` <= 0 at 0 and ``high`` > 0 at 1, both (n,).
 
-    Regula falsi with Illinois weights; every fourth iteration bisects the bracket.
-
-    Parameters
-    ----------
-    function : callable
-        Of positions (k,) and the numbers (k,) of the functions; returns (k,).
-    low, high : (n,) float64
-        Values at 0 and at 1.
-    rounds : int
-        Largest number of iterations.
+    ``function`` takes positions (k,) and the numbers (k,) of the functions, and returns their values (k,). Regula falsi
+    with Illinois weights, in ``rounds`` iterations at most; every fourth one bisects the bracket.
     """
     left, right = np.zeros(len(low)), np.ones(len(low))
     at_left, at_right, share = low.copy(), high.copy(), np.zeros(len(low))
@@ -178,6 +170,7 @@ def select_apart(points: Floats, distance: float) -> Bools:
 
 
 def _no_crossing_message(cut: LevelCut, feet: ClosestPoints, values: Any) -> str:
+    """Return the error sentence for a function of one sign, with the least of its ``values`` (n,) at ``feet``."""
     nearest = np.argmin(np.abs(values))
     place = (feet.points[nearest] + cut.phi.origin).tolist()
     label, side = cut.phi.label, "above" if values[nearest] > 0 else "at or below"

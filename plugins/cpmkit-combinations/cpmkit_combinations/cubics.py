@@ -78,7 +78,10 @@ class Cubics:
 
     @cached_property
     def levels(self) -> list[Capsules]:
-        """The levels of the tree of capsules, from one for each cubic to at most ``CAPSULE_CHILDREN`` at the top."""
+        """The levels of the tree of capsules, from one for each cubic to at most ``CAPSULE_CHILDREN`` at the top.
+
+        Capsule k of a level holds those from ``CAPSULE_CHILDREN * k`` on of the level before.
+        """
         start, end = self.control[:, 0], self.control[:, 3]
         radius = np.maximum(*(_distances_from_segments(self.control[:, k], start, end) for k in (1, 2)))
         levels, piece = [Capsules(start, end, radius, np.ones(len(start), dtype=bool))], (self.piece, self.piece)
@@ -98,6 +101,7 @@ class Cubics:
         return segment, s
 
     def _nearest_in_batch(self, x: Floats) -> tuple[Ints, Floats]:
+        """Return the answer of :meth:`nearest` for one batch of queries ``x`` (n, d)."""
         rows, leaves = self._candidate_pairs(x)
         s, distance = self._foot_parameters(x[rows], leaves)
         first = np.flatnonzero(np.diff(rows, prepend=-1))
@@ -158,10 +162,10 @@ class Cubics:
 
 
 def hermite_cubics(start: Floats, start_tangent: Floats, end: Floats, end_tangent: Floats) -> Floats:
-    """Return coefficients (m, 4, d) of the cubics from ``start`` to ``end`` with the given unit tangents there.
+    """Return coefficients (m, 4, d), of 1, s, s^2 and s^3, of cubics between two points with given unit tangents there.
 
-    Their speed at both ends is ``2 chord / (1 + cos(angle / 2))`` for the angle between the tangents: an arc of a
-    circle is then approximated to angle^6 / 27,000 of its radius.
+    The cubics go from ``start`` to ``end`` (m, d). Their speed at both ends is ``2 chord / (1 + cos(angle / 2))`` for
+    the angle between the tangents: an arc of a circle is then approximated to angle^6 / 27,000 of its radius.
     """
     chord = end - start
     cosine = np.sqrt(np.maximum(0.5 * (1 + dots(start_tangent, end_tangent)), 0.0))
@@ -171,7 +175,7 @@ def hermite_cubics(start: Floats, start_tangent: Floats, end: Floats, end_tangen
 
 
 def _merge_capsules(parts: Capsules, first: Ints, last: Ints, whole: Bools) -> Capsules:
-    """Return a capsule around each run of ``parts``, from ``first`` (k,) to ``last`` (k,); ``whole`` (k,) is copied."""
+    """Return a capsule around each run of ``parts``, ``first`` (k,) to ``last`` included; ``whole`` (k,) is copied."""
     start, end = parts.start[first], parts.end[last]
     run = np.repeat(np.arange(len(first)), last - first + 1)
     off = [_distances_from_segments(points, start[run], end[run]) for points in (parts.start, parts.end)]

@@ -101,7 +101,7 @@ class TracedCurve:
         return unit(between - dots(between, t)[:, None] * t)
 
     def piece(self, feet: ClosestPoints, /) -> Ints:
-        """Return the number (n,) of the piece that each foot lies on."""
+        """Return the number (n,), 0 that of the longest, of the piece that each foot lies on."""
         return self._cubics.piece[_location(feet)[0]]
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
@@ -150,6 +150,7 @@ class TracedCurve:
 
 
 def _location(feet: ClosestPoints) -> tuple[Ints, Floats]:
+    """Return the cubic (n,) of each of ``feet`` and the parameter (n,) on it; raise InputError if they lack either."""
     if feet.element is None or feet.local is None:
         raise InputError("feet must be answers of this curve: they lack element or local.")
     return feet.element, feet.local[:, 0]

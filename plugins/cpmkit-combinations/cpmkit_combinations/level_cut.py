@@ -128,7 +128,7 @@ def plane_distance(point: Any, normal: Any, dim: int) -> PlaneDistance:
 def position_function(function: Any, dim: int, label: str) -> Callable[[Floats], Any]:
     """Return ``function`` if it is callable, or the formula in the string ``function``; ``label`` is for messages.
 
-    Raise InputError if it is neither, or the formula depends on t.
+    ``dim`` is that of the space. Raise InputError if it is neither, or the formula depends on t.
     """
     if isinstance(function, str):
         formula = Expression(function, dim)
@@ -176,7 +176,8 @@ class LevelCut:
         """Return points of the cut near the manifold's points ``feet``, and (n,) whether the iteration converged.
 
         The secant method along the manifold: phi's slope is that between the last two feet, so neither normals nor the
-        surface gradient of phi are needed. A step is at most a spacing.
+        surface gradient of phi are needed. A step is at most a spacing, the last one :data:`ON_CUT_SHARE` of the size,
+        or :data:`NEARLY_ON_CUT_SPACINGS` where the manifold is less accurate.
         """
         y, value = feet.points.copy(), self.phi(feet.points)
         gradient = self.phi.gradient(y, CUT_DIFFERENCE_SHARE * self.size)
@@ -204,8 +205,9 @@ class LevelCut:
     def directions(self, feet: ClosestPoints) -> tuple[Floats, Floats, Floats]:
         """Return unit tangents, unit conormals towards phi > 0, and phi's surface gradient at points of the cut.
 
-        Tangents (n, d) have arbitrary signs; of a point on a curve they are zero. Of the surface gradient the length
-        (n,) over that of the gradient in space is returned: it vanishes where the cut branches or only touches.
+        Tangents and conormals are (n, d); tangents have arbitrary signs, and are zero at points on a curve. Of the
+        surface gradient the length (n,) over that of the gradient in space is returned: it vanishes where the cut
+        branches or only touches.
         """
         step = CUT_DIFFERENCE_SHARE * self.size
         edge = np.flatnonzero(feet.edge >= 0)
@@ -225,6 +227,7 @@ class LevelCut:
         return whole
 
     def _directions_inside(self, feet: ClosestPoints) -> tuple[Floats, Floats, Floats]:
+        """Return the answers of :meth:`directions`; near the edge differences of closest points make them wrong."""
         step, dim = CUT_DIFFERENCE_SHARE * self.size, self.surface.dim
         gradient = self.phi.gradient(feet.points, step)
         if self.surface.manifold_dim == dim:

@@ -71,6 +71,7 @@ class Moved(Wrapper):
         return self.scale * rotate(self.rotation, p) + self.translation
 
     def _world_record(self, feet: ClosestPoints) -> ClosestPoints:
+        """Return records ``feet`` of the source inside as records of the moved source."""
         return replace(feet, points=self._to_world(feet.points), distance=self.scale * feet.distance)
 
     def _inner_record(self, feet: ClosestPoints) -> ClosestPoints:
@@ -138,7 +139,7 @@ def moved_source(*, of: ClosestPointSource, rotation: Any = None, translation: A
     of : source
         The members of a union are moved one by one.
     rotation : angle in the plane, (3,) rotation vector or (d, d) matrix, optional
-        Vectors and angles in radians.
+        Angles, and lengths of rotation vectors, in radians, counterclockwise. By default none.
     translation : (d,) numbers, optional
         Zero by default.
     scale : number above zero

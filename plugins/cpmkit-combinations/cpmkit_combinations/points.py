@@ -73,7 +73,7 @@ class PointSet:
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return (n, ...) the rows of ``values`` (value_count, ...) of the points at ``feet``.
 
-        Raise InputError if ``feet`` lack ``element``.
+        Raise InputError if ``values`` has another number of rows, or ``feet`` lack ``element``.
         """
         if feet.element is None:
             raise InputError("feet must be answers of this set of points: they lack element.")
@@ -123,6 +123,7 @@ def points(*, at: Any = None, file: str | Path | None = None) -> PointSet:
 
 
 def _as_numbers(at: Any) -> Floats:
+    """Return ``at`` as an array of numbers of any shape; raise InputError if it is none."""
     try:
         return np.asarray(at, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:

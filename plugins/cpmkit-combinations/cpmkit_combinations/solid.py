@@ -119,7 +119,8 @@ def signed_height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
 def fill_area(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
     """Return vertices (v, 2) and triangles (m, 3), with edges of about ``spacing``, that fill a plane area.
 
-    They are the triangles of a square lattice with a corner inside; corners outside are moved to the edge.
+    They are the triangles, counterclockwise, of a square lattice with a corner inside; corners outside are moved to the
+    edge.
     """
     lower, upper = np.asarray(area.bounds, dtype=np.float64)
     points, triangles = rectangle(lower, upper, spacing)

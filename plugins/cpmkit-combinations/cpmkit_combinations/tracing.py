@@ -82,6 +82,7 @@ def _thin_out(feet: ClosestPoints, side: float) -> ClosestPoints:
 
 
 def _rows_far_from(points: Floats, others: Floats, distance: float) -> Ints:
+    """Return the rows (k,) of ``points`` (n, d) that are farther than ``distance`` from all ``others`` (m, d)."""
     from scipy.spatial import cKDTree
 
     if not len(others):
@@ -90,7 +91,7 @@ def _rows_far_from(points: Floats, others: Floats, distance: float) -> Ints:
 
 
 def _check_chains(cut: LevelCut, feet: ClosestPoints, share: Floats, pieces: list[Chain]) -> list[Chain]:
-    """Return the chains of two points or more; ``share`` (n,) is phi's surface gradient over that in space.
+    """Return the chains of two points or more; ``share`` (n,) is phi's surface gradient over that in space at ``feet``.
 
     Isolated points near others are left out. Raise InputError if an open chain does not end on the surface's edge.
     """
@@ -114,6 +115,7 @@ def _check_chains(cut: LevelCut, feet: ClosestPoints, share: Floats, pieces: lis
 
 
 def _lost_message(cut: LevelCut, point: Floats, branches: bool) -> str:
+    """Return the error sentence for a cut that cannot be traced near ``point`` (d,), or ``branches`` there."""
     label, place = cut.phi.label, np.round(point + cut.phi.origin, 6).tolist()
     if branches:
         return (
@@ -168,7 +170,10 @@ def _orient_knots(cut: LevelCut, feet: ClosestPoints, along: Floats, closed: boo
 
 
 def _refine_knots(cut: LevelCut, knots: Knots) -> Knots:
-    """Return knots so dense that the cubics between them lie on the cut, except at kinks, and the deviation."""
+    """Return knots so dense that the cubics between them lie on the cut, except at kinks, and their deviation.
+
+    On the cut: to :data:`TRACING_TOLERANCE_SHARE` of its size, in the middle of each cubic.
+    """
     tolerance, deviation = TRACING_TOLERANCE_SHARE * cut.size, 0.0
     target = np.arange(len(knots.cubics()))
     parent, failures = np.full(len(target), np.inf), np.zeros(len(target), dtype=np.int64)

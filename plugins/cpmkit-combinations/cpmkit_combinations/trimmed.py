@@ -115,12 +115,12 @@ class Trimmed(Wrapper):
         return np.asarray(self.trim(points) < -self.margin)
 
     def _add_elements(self, feet: ClosestPoints, rows: Ints) -> ClosestPoints:
-        """Return ``feet`` with ``element`` and ``local`` of the whole's closest points in ``rows``."""
+        """Return ``feet`` with ``element`` and ``local`` of the whole's closest points in ``rows`` (k,)."""
         whole = self.of.closest_point(np.ascontiguousarray(feet.points[rows]))
         return feet.replace_rows(rows, replace(feet.take(rows), element=whole.element, local=whole.local))
 
     def _feet_of_cut_away(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
-        """Return points (n, d), distances, edge numbers and doubt (n,) of queries ``x`` whose foot is cut away.
+        """Return points (n, d), distances, edge numbers and doubt (n,) of queries ``x`` (n, d) whose foot is cut away.
 
         Each closest point lies on the new edge or inside the part, where descents from samples lead. Doubt is True
         where more than :data:`TRIMMED_DESCENTS` descents are needed, or the chosen descent does not converge.
@@ -260,7 +260,10 @@ def trimmed_source(*, of: ClosestPointSource, trim: Any, resolution: int | None 
 
 
 def _samples_of_part(cut: LevelCut) -> ClosestPoints:
-    """Return closest points that sample the part with trim <= 0; on a curve with its own ends among them."""
+    """Return closest points that sample the part with trim <= 0, relative to the cut's origin.
+
+    They are :data:`COARSE_SAMPLE_FACTOR` spacings apart; on a curve with its own ends among them.
+    """
     spacing = COARSE_SAMPLE_FACTOR * cut.spacing
     cells = next(blocks for side, blocks in cell_levels(cut.surface, spacing, 0.5) if side == 1)
     if (
@@ -275,18 +278,11 @@ def _samples_of_part(cut: LevelCut) -> ClosestPoints:
 def descend_to_foot(of: ClosestPointSource, x: Floats, start: Floats, reach: float) -> tuple[Floats, Bools]:
     """Return points y of ``of`` near ``start`` with x - y normal to it, and a mask (n,) of the converged ones.
 
-    Each step replaces y by the closest point of the probe y + share (x - y), which is y itself if x - y is normal, and
-    else nearer to x: a tangential error shrinks by (1 - share) / (1 - share |x - y| k), k the curvature towards x. If
-    another part of the manifold is nearer to the probe, y jumps or the distance grows: then the share is halved.
-
-    Parameters
-    ----------
-    of : ClosestPointSource
-        The manifold.
-    x, start : (n, d) float64
-        Queries, and points of the manifold.
-    reach : float
-        The longest step.
+    ``x`` (n, d) are queries, ``start`` (n, d) points of the manifold ``of``, ``reach`` is the length of the longest
+    step. Each step replaces y by the closest point of the probe y + share (x - y), which is y itself if x - y is
+    normal, and else nearer to x: a tangential error shrinks by (1 - share) / (1 - share |x - y| k), k the curvature
+    towards x. If another part of the manifold is nearer to the probe, y jumps or the distance grows: then the share is
+    halved.
     """
     y, distance, step = start.copy(), norms(x - start), np.zeros_like(x)
     share, most, longest = (np.full(len(x), value) for value in (FIRST_PROBE_SHARE, LONGEST_PROBE_SHARE, reach))

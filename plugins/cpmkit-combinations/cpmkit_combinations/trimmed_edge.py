@@ -114,18 +114,10 @@ class PointEdge:
 
 
 def point_edge(cut: LevelCut, points: PointSet, ends_left: Ints) -> PointEdge:
-    """Return the ends of a trimmed curve.
+    """Return the ends of the trimmed curve of ``cut``, whose function is trim.
 
-    Raise InputError if the part is not one piece with two ends.
-
-    Parameters
-    ----------
-    cut : LevelCut
-        The curve, and the function trim.
-    points : PointSet
-        The zeros of trim on the curve.
-    ends_left : (k,) int64
-        The ends of the whole that belong to the part.
+    ``points`` are the zeros of trim on the curve, ``ends_left`` (k,) the ends of the whole, 0 or 1, that belong to the
+    part. Raise InputError if the part is not one piece with two ends.
     """
     feet = cut.surface.closest_point(points.positions)
     outward = cut.directions(feet)[1]
@@ -147,18 +139,9 @@ def point_edge(cut: LevelCut, points: PointSet, ends_left: Ints) -> PointEdge:
 def clip_mesh(vertices: Floats, cells: Ints, values: Floats, onto: Callable[[Floats], Floats]) -> tuple[Floats, Ints]:
     """Return the vertices (k, d) and cells (l, 2 or 3) of the part of a mesh where ``values`` are negative.
 
-    Cells keep their direction or winding.
-
-    Parameters
-    ----------
-    vertices : (v, d) float64
-        Positions.
-    cells : (m, 2 or 3) int64
-        Segments or triangles.
-    values : (v,) float64
-        The function at the vertices.
-    onto : callable
-        Moves points (n, d), the zeros of ``values`` interpolated on the edges of cells, to the edge of the part.
+    ``vertices`` are (v, d), ``cells`` (m, 2 or 3) segments or triangles, which keep their direction or winding;
+    ``values`` (v,) are those of a function at the vertices. ``onto`` moves its zeros (n, d), interpolated on the edges
+    of cells, to the edge of the part.
     """
     inside = values < 0
     edges, cell_edges = number_edges(cells, len(vertices))

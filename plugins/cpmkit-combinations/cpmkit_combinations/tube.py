@@ -189,6 +189,7 @@ def _check_reach(around: Any, radius: float) -> None:
 
 
 def _polylines(around: Any, spacing: float) -> list[Polyline]:
+    """Return the chains of the segments, about ``spacing`` long, of a curve; raise InputError if it cannot be drawn."""
     if not isinstance(around, HasMesh):
         raise InputError(f"{type(around).__name__} cannot be drawn, so neither can a tube around it.")
     return chain_segments(*around.mesh(spacing))
@@ -205,6 +206,7 @@ def sweep_curves(curves: list[Polyline], radius: float, spacing: float, corners:
     """Return a mesh, of about ``spacing``, at the distance ``radius`` from ``curves``, with caps at open ends.
 
     Rings have the number ``corners`` of vertices, by default 2 pi radius / spacing; in 2D only half circles at ends do.
+    Triangles are counterclockwise seen from outside; segments have the outside on their right.
     """
     count = corners or max(LEAST_RING_CORNERS, int(np.ceil(2 * np.pi * radius / spacing)))
     parts = [_sweep_curve(curve, radius, count) for curve in curves]
@@ -214,6 +216,7 @@ def sweep_curves(curves: list[Polyline], radius: float, spacing: float, corners:
 
 
 def _sweep_curve(curve: Polyline, radius: float, count: int) -> Sweep:
+    """Return the mesh of :func:`sweep_curves` around one curve, with ``count`` vertices in a ring."""
     points, along = curve.points, _vertex_tangents(curve)
     if points.shape[1] == 2:
         return _offset_curve(curve, np.stack([along[:, 1], -along[:, 0]], axis=1), radius, count)
@@ -274,9 +277,10 @@ def _vertex_tangents(curve: Polyline) -> Floats:
 
 
 def _transport_frame(along: Floats, closed: bool) -> tuple[Floats, Floats]:
-    """Return two unit vectors (n, 3) each across a curve with tangents ``along`` (n, 3), orthogonal, without twist.
+    """Return two unit vectors (n, 3) across a curve with unit tangents ``along`` (n, 3), orthogonal, without twist.
 
-    On a closed curve the angle between the first and the last frame is distributed along it.
+    The second is the cross product of the tangent and the first. On a closed curve the angle between the first and the
+    last frame is distributed along it.
     """
     first = np.empty_like(along)
     across = np.eye(3)[np.argmin(np.abs(along[0]))]
@@ -294,7 +298,10 @@ def _transport_frame(along: Floats, closed: bool) -> tuple[Floats, Floats]:
 
 
 def _ring_triangles(rings: int, count: int, closed: bool) -> Ints:
-    """Return the triangles (m, 3) between rings of ``count`` corners each, counterclockwise seen from outside."""
+    """Return the triangles (m, 3) between ``rings`` of ``count`` corners each, counterclockwise seen from outside.
+
+    If ``closed``, the last ring is connected to the first.
+    """
     k, j = np.meshgrid(np.arange(rings if closed else rings - 1), np.arange(count), indexing="ij")
     here, there = k * count, (k + 1) % rings * count
     following = (j + 1) % count

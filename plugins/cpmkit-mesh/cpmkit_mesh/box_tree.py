@@ -63,7 +63,7 @@ class Nearest:
 
     @classmethod
     def empty(cls, n: int, slot: Ints | None = None) -> Nearest:
-        """Return a record of ``n`` points with uninitialised arrays for kernels to fill; ``slot`` (n,) is kept."""
+        """Return a record of ``n`` points with uninitialised arrays for kernels to fill; a ``slot`` (n,) is kept."""
         slot = np.empty(n, dtype=np.int64) if slot is None else slot
         return cls(slot, np.empty((n, 2)), np.empty((n, 3)), np.empty(n))
 
@@ -90,7 +90,7 @@ def build_tree(corners: Floats) -> BoxTree:
 def translate_tree(tree: BoxTree, corners: Floats) -> BoxTree:
     """Return the tree of the same primitives, translated by one vector to ``corners`` (m, 3, 3) in their first order.
 
-    Its boxes are translated too, and widened by rounding. That takes a twentieth of the time that building a tree does.
+    Its boxes are translated too, and widened by rounding. That takes a twentieth of the time of :func:`build_tree`.
     """
     frames = as_frames(corners[tree.order])
     offset = np.tile(frames[0, 0] - tree.frames[0, 0], 2)

@@ -49,7 +49,10 @@ def build_boxes(lower, upper):
 
 @compiled
 def _write_bounding_box(lower, upper, order, start, stop, box):
-    """Write to ``box`` (6,) the lowest and highest corner of the box around the primitives ``order[start:stop]``."""
+    """Write to ``box`` (6,) the lowest and highest corner of the box around the primitives ``order[start:stop]``.
+
+    ``lower`` and ``upper`` (m, 3) are the primitives' boxes.
+    """
     box[:3] = np.inf
     box[3:] = -np.inf
     for i in range(start, stop):
@@ -97,9 +100,9 @@ def _split_primitives(lower, upper, order, start, stop, depth):
 def _best_bin(lower, upper, order, start, stop, axis, least, scale):
     """Return the bin after which a cut of ``order[start:stop]`` along ``axis`` costs least, and the cost.
 
-    The bin of a primitive is (lower + upper - ``least``) times ``scale``, rounded down. The cost is the extent of a box
-    times the number of primitives in it, summed over both sides. For rays the extent is the area; for nearest points
-    the sum of the box's sides is slightly better.
+    ``lower`` and ``upper`` (m, 3) are the primitives' boxes. The bin of a primitive is (lower + upper - ``least``)
+    times ``scale``, rounded down. The cost is the extent of a box times the number of primitives in it, summed over
+    both sides. For rays the extent is the area; for nearest points the sum of the box's sides is slightly better.
     """
     counts = np.zeros(SPLIT_BINS, dtype=np.int64)
     box = np.empty((SPLIT_BINS, 6))

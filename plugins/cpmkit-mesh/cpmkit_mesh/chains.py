@@ -56,14 +56,8 @@ class Chains:
 def order_chains(edges: Ints, positions: Floats) -> Chains:
     """Return ``edges`` (m, 2), no two of which are equal, ordered to chains that end at branches, and to closed chains.
 
-    The direction of a chain is that of most of its edges, from their first vertex to their second.
-
-    Parameters
-    ----------
-    edges : (m, 2) int64
-        Vertices, numbers of rows of ``positions``.
-    positions : (n, d) float64
-        Positions of the vertices, which determine the lengths of chains.
+    They are pairs of rows of ``positions`` (n, d), which determine the lengths of chains. The direction of a chain is
+    that of most of its edges, from their first vertex to their second.
     """
     node, vertex = _split_at_branches(edges)
     path, place, forward = _order_nodes(node, len(vertex))
@@ -128,5 +122,6 @@ def _order_nodes(node: Ints, count: int) -> tuple[Ints, Ints, Ints]:
 
 
 def _chain_bounds(chain: Ints) -> tuple[Ints, Ints]:
+    """Return (c,) and (c,) the positions of the first and the last entry of each number in ``chain``, ascending."""
     first = np.flatnonzero(np.diff(chain, prepend=-1))
     return first, np.r_[first[1:], len(chain)] - 1

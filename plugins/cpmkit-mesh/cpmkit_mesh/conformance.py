@@ -108,6 +108,7 @@ def _grid(columns: int, rows: int, wrap: bool) -> Ints:
 
 
 def _torus_case_mesh(columns: int = 48, rows: int = 24) -> Mesh:
+    """Return a torus of radii 1 and 0.4 about the z axis, wound outwards, of ``rows`` rings of ``columns`` vertices."""
     v, u = np.divmod(np.arange(columns * rows), columns)
     u, v = 2 * np.pi * u / columns, 2 * np.pi * v / rows
     points = np.stack([(1 + 0.4 * np.cos(v)) * np.cos(u), (1 + 0.4 * np.cos(v)) * np.sin(u), 0.4 * np.sin(v)], axis=1)
@@ -115,7 +116,7 @@ def _torus_case_mesh(columns: int = 48, rows: int = 24) -> Mesh:
 
 
 def _cone(columns: int = 48, rows: int = 9) -> Mesh:
-    """Return the side of a cone, whose two rims differ in length."""
+    """Return the side of a cone, wound outwards, whose two rims differ in length."""
     z, u = np.divmod(np.arange(columns * rows), columns)
     u, z = 2 * np.pi * u / columns, z / (rows - 1)
     radius = 1.0 - 0.2 * z
@@ -151,11 +152,13 @@ def _box() -> Mesh:
 
 
 def _helix() -> Floats:
+    """Return 41 points (41, 3) of an open curve in space."""
     t = np.linspace(0.0, 7.0, 41)
     return np.stack([np.cos(t), np.sin(1.3 * t), 0.2 * t], axis=1)
 
 
 def _knot() -> Floats:
+    """Return 121 points (121, 3) of a trefoil knot, the last of which is the first."""
     t = np.linspace(0.0, 2 * np.pi, 121)
     t[-1] = 0.0
     radius = 1.0 + 0.3 * np.cos(3 * t)
@@ -163,6 +166,8 @@ def _knot() -> Floats:
 
 
 def _on_triangles(points: Floats, faces: Ints) -> Callable[[np.random.Generator, int], Floats]:
+    """Return a function of a generator and n that draws random points (n, 3) on triangles ``faces`` of ``points``."""
+
     def samples(rng: np.random.Generator, n: int) -> Floats:
         weights = rng.dirichlet(np.ones(3), n)
         return np.einsum("nc,nck->nk", weights, points[faces[rng.integers(0, len(faces), n)]])
@@ -171,6 +176,8 @@ def _on_triangles(points: Floats, faces: Ints) -> Callable[[np.random.Generator,
 
 
 def _on_segments(segments: Floats) -> Callable[[np.random.Generator, int], Floats]:
+    """Return a function of a generator and n that draws random points (n, d) on ``segments`` (m, 2, d)."""
+
     def samples(rng: np.random.Generator, n: int) -> Floats:
         at, t = rng.integers(0, len(segments), n), rng.uniform(size=(n, 1))
         return (1.0 - t) * segments[at, 0] + t * segments[at, 1]

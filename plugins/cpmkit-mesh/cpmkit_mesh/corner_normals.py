@@ -112,8 +112,9 @@ def fit_normals_to_chords(vertices: Floats, faces: Ints, adjacency: Topology, no
 def tilt_rim_normals(vertices: Floats, faces: Ints, adjacency: Topology, normals: Floats) -> Floats:
     """Return the unit ``normals`` (k, 3) with those of rim vertices tilted to fit the chords to inner neighbours.
 
-    The triangles of a rim vertex all lie on one side, so that its averaged normal leans inwards. The tilt is the least
-    one that fits in the sense of least squares. The winding of the triangles must be consistent.
+    ``faces`` (m, 3) are triangles between ``vertices`` (k, 3). Those of a rim vertex all lie on one side, so that its
+    averaged normal leans inwards. The tilt is the least one that fits in the sense of least squares; one above
+    :data:`MAX_TILT_RADIANS` is left out. The winding must be consistent.
     """
     on_rim = np.zeros(len(vertices), dtype=bool)
     on_rim[adjacency.boundary] = True

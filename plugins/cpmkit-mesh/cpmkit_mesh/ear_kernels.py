@@ -15,7 +15,7 @@ STRAIGHT_AREA_SHARE = 1e-12
 
 @compiled
 def clip_ears(points, ears, good):
-    """Cut the polygons with corners at ``points`` (m, c, 2), wound counter-clockwise, into triangles.
+    """Cut the polygons with corners at ``points`` (m, c, 2), wound counter-clockwise, into triangles wound alike.
 
     Written are ``ears`` (m, c - 2, 3), the numbers of the corners, and ``good`` (m,), whether the polygon was cut: one
     that crosses itself is not. Corners at one place, as where a hole is connected to the outline, are allowed.
@@ -62,8 +62,8 @@ def clip_ears(points, ears, good):
 def _is_empty_ear(p, ring, left, k, least):
     """Return whether the ear at position ``k`` of ``ring`` contains no other of the ``left`` remaining corners.
 
-    ``ring`` are the numbers of the remaining corners of the polygon ``p`` (c, 2), ``least`` is the rounding of areas;
-    corners at the position of one of the ear's are ignored.
+    The first ``left`` entries of ``ring`` are the numbers of the remaining corners of the polygon ``p`` (c, 2),
+    ``least`` is the rounding of areas; corners at the position of one of the ear's are ignored.
     """
     a, b, c = p[ring[(k - 1) % left]], p[ring[k]], p[ring[(k + 1) % left]]
     for other in range(left):

@@ -31,8 +31,8 @@ def nearest_search(engine: str, tree: BoxTree) -> Search:
     """Return a function from queries (n, 3) to their nearest points (``Nearest``) on the triangles of ``tree``.
 
     ``engine`` is "own", "fcl" or "open3d", which finds triangles nearest up to the rounding of float32. Raise
-    MissingDependencyError if that library is absent or does not load; "fcl" raises InputError if the mesh has
-    triangles without area, about which it answers wrongly.
+    MissingDependencyError if that library is absent or does not load; "fcl" raises InputError if the mesh has triangles
+    without area, about which it answers wrongly.
     """
     if engine == "own":
         return partial(find_nearest, tree)
@@ -92,6 +92,7 @@ def _open3d_search(tree: BoxTree) -> Callable[[Floats], Ints]:
 
 
 def _corners(tree: BoxTree) -> Floats:
+    """Return the corners (m, 3, 3) of the triangle in each slot."""
     corners = tree.frames.copy()
     corners[:, 1:] += corners[:, :1]
     return corners

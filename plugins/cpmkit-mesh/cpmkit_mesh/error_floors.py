@@ -29,7 +29,7 @@ def is_flat_sided(edges: InnerEdges, crease_angle: float) -> bool:
 def turning_angle(vertices: Floats, faces: Ints, normals_at_corners: Floats) -> float:
     """Return the root mean square angle, in radians, between the normals at both ends of edges, weighted by area.
 
-    ``normals_at_corners`` (m, 3, 3) are those of ``faces`` (m, 3). 0 for a mesh without area.
+    ``normals_at_corners`` (m, 3, 3) are those of ``faces`` (m, 3) between ``vertices`` (k, 3). Without area it is 0.
     """
     area = double_areas(vertices, faces)
     following = np.roll(normals_at_corners, 1, axis=1)

@@ -43,7 +43,8 @@ class InnerEdges:
 def inner_edges(vertices: Floats, faces: Ints, adjacency: Topology) -> InnerEdges:
     """Return the edges that two of the triangles ``faces`` (m, 3) share, with their angles, for any winding.
 
-    ``adjacency`` is that of the faces between ``vertices`` (k, 3).
+    ``adjacency`` is that of the faces between ``vertices`` (k, 3). The ends of an edge are in the order of the first of
+    its two faces.
     """
     face, corner = np.nonzero(adjacency.neighbours > np.arange(len(faces))[:, None])
     other = adjacency.neighbours[face, corner]

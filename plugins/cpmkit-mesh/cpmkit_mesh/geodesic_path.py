@@ -133,7 +133,7 @@ def _check_connected(mesh: TriangleMesh, waypoints: Ints) -> None:
 
 
 def _trace_geodesics(mesh: TriangleMesh, waypoints: Ints, closed: bool, tight: bool) -> Floats:
-    """Return the points (p, 3) of the geodesics through the vertices ``waypoints`` (k,); closed curves repeat it.
+    """Return points (p, 3) of the geodesics through the vertices ``waypoints`` (k,); closed curves repeat the first.
 
     If ``tight``, the whole curve is straightened, at the vertices between its ends too. Raise MissingDependencyError if
     potpourri3d is absent, InputError if it traces no geodesic on this mesh.

@@ -64,6 +64,7 @@ def translate_normals(field: InterpolatedNormals, vertices: Floats, adjacency: T
 
 
 def _rounding_distance(vertices: Floats) -> float:
+    """Return the rounding of distances between points of the size and at the position of ``vertices`` (k, 3)."""
     return 1e-13 * float(np.ptp(vertices, axis=0).max()) + 4e-16 * float(np.abs(vertices).max())
 
 
@@ -71,7 +72,7 @@ def follow_normals(tree: BoxTree, field: InterpolatedNormals, x: Floats, nearest
     """Move the points ``nearest``, in place, to points of triangles whose interpolated normal leads to ``x`` (n, 3).
 
     ``tree`` and ``field`` are those of the triangles. Return (n,) whether there is no such point near by: the nearest
-    point stays then.
+    point stays then. Distances stay those from the triangles.
     """
     from cpmkit_mesh import interpolated_normals_kernels
 
@@ -85,7 +86,10 @@ def follow_normals(tree: BoxTree, field: InterpolatedNormals, x: Floats, nearest
 def _rim_arrays(
     vertices: Floats, adjacency: Topology, normals_at_corners: Floats, slot: Ints
 ) -> tuple[Floats, Floats, Floats, Ints, Ints]:
-    """Return the five arrays of the boundary edges; see :class:`InterpolatedNormals`. ``slot`` (m,) is by triangle."""
+    """Return the five arrays of the boundary edges that :class:`InterpolatedNormals` describes.
+
+    ``slot`` (m,) is the slot of each triangle, ``normals_at_corners`` (m, 3, 3) its normals.
+    """
     ends = vertices[adjacency.boundary]
     face, edge = adjacency.boundary_face, adjacency.boundary_edge
     normals = np.stack([normals_at_corners[face, (edge + 1) % 3], normals_at_corners[face, (edge + 2) % 3]], axis=1)

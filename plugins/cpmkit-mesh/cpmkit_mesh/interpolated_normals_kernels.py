@@ -118,7 +118,8 @@ def _height(x, face, v, w, frames, normals):
 def _solve_on_triangle(x, face, v, w, h, frames, normals):
     """Return v, w, h with p(v, w) + h n(v, w) = ``x`` on triangle ``face``, by Newton's method from the given v, w, h.
 
-    It stops after 12 steps, or where abs(v) + abs(w) > 8; NaN or infinity is returned where the Jacobian is singular.
+    The point p and the normal n are the fields ``frames`` and ``normals``, as in :func:`_linear_field`. The method
+    stops after 12 steps, or where abs(v) + abs(w) > 8; NaN or infinity is returned where the Jacobian is singular.
     """
     ax, ay, az = frames[face, 0, 0] - x[0], frames[face, 0, 1] - x[1], frames[face, 0, 2] - x[2]
     bx, by, bz = frames[face, 1, 0], frames[face, 1, 1], frames[face, 1, 2]
@@ -150,7 +151,7 @@ def _closest_on_boundary(x, k, rim):
 
     The search starts on boundary edge ``k`` and passes on to the edges that touch it. At s the query lies in the plane
     of the normal and the conormal, both interpolated along the edge. At an end that no edge continues, s is 0.0 or 1.0
-    and the flag is False. ``rim`` are the arrays of :func:`follow_normals`.
+    and the flag is False; after :data:`MAX_TRIANGLES` edges s is 0.5. ``rim`` are the arrays of :func:`follow_normals`.
     """
     links = rim[3]
     came = -1
@@ -209,7 +210,7 @@ def _root_on_edge(x, k, at_start, at_end, rim):
 
 @compiled
 def _offset_outward(x, k, s, rim):
-    """Return q . (t x n), positive where ``x`` (3,) lies beyond the boundary; see :func:`_offset_ahead` for q, t, n."""
+    """Return q . (t x n), positive where ``x`` (3,) lies beyond the boundary; arguments as in :func:`_offset_ahead`."""
     q, n, t = np.empty(3), np.empty(3), np.empty(3)
     for j in range(3):
         q[j] = x[j] - (rim[0][k, 0, j] + s * (rim[0][k, 1, j] - rim[0][k, 0, j]))

@@ -129,19 +129,9 @@ def merge_nearest(nearest: Nearest, radius: float, minima: LocalMinima) -> Local
 def distinct_minima(x: Floats, rows: Ints, points: Nearest, size: float) -> Bools:
     """Return (k,) whether each minimum is to be kept: no earlier minimum of its query lies at the same point.
 
-    Minima that, moved along normals, are nearer to ``x`` (n, 3) than before are left out too: they are on another
-    sheet.
-
-    Parameters
-    ----------
-    x : (n, 3) float64
-        The queries.
-    rows : (k,) int64
-        The query of each minimum, ascending.
-    points : Nearest
-        The minima after the move, with their distances before it.
-    size : float
-        The longest side of the mesh's bounding box.
+    ``rows`` (k,), ascending, are the queries of the minima, rows of ``x`` (n, 3); ``points`` are the minima after a
+    move along normals, with their distances before it; ``size`` is the longest side of the mesh's bounding box. Minima
+    that are nearer to their query after the move are left out too: they are on another sheet.
     """
     from cpmkit_mesh import query_kernels
 

@@ -47,11 +47,11 @@ def face_components(faces: Ints, adjacency: Topology) -> Ints:
 def closest_approach(vertices: Floats, faces: Ints, component: Ints, distance: float) -> Approach | None:
     """Return where two components come nearest to each other, None if they stay farther apart than ``distance``.
 
-    ``component`` (m,) is the number of the component of each of ``faces`` (m, 3). The search for each pair of halves
-    stops at the first distance within ``distance``. Points along edges of the first are tested against the triangles of
-    the other where a vertex is as near to it as half its edges are long: an edge that passes through a triangle has
-    such an end. Two components differ in a binary digit of their numbers, so that few halves are compared however many
-    components there are.
+    ``component`` (m,) is the number of the component of each of ``faces`` (m, 3) between ``vertices`` (k, 3). The
+    search for each pair of halves stops at the first distance within ``distance``. Points along edges of the first are
+    tested against the triangles of the other where a vertex is as near to it as half its edges are long: an edge that
+    passes through a triangle has such an end. Two components differ in a binary digit of their numbers, so that few
+    halves are compared however many components there are.
     """
     best: Approach | None = None
     for digit in range(int(component.max()).bit_length()):
@@ -65,7 +65,8 @@ def closest_approach(vertices: Floats, faces: Ints, component: Ints, distance: f
 def _find_approach(vertices: Floats, faces: Ints, others: Ints, distance: float) -> Approach | None:
     """Return a point on edges of ``faces`` within ``distance`` of the triangles ``others``, with its distance, or None.
 
-    Both are (m, 3) vertex numbers. After :data:`DIVISIONS` divisions the nearest point is returned, even if farther.
+    Both are (m, 3) rows of ``vertices`` (k, 3). After :data:`DIVISIONS` divisions the nearest point is returned, even
+    if farther.
     """
     corners = vertices[others]
     ends = _candidate_edges(vertices, faces, corners, distance)

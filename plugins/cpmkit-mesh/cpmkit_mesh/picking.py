@@ -68,8 +68,8 @@ class DrawnLine:
     def with_click(self, point: Floats) -> DrawnLine:
         """Return the line with a further click, the surface point closest to ``point``, (d,) or, in the plane, (3,).
 
-        A click at the place of the last one changes nothing. Raise InputError if the line from the last click to the
-        new one would leave the surface and jump.
+        A click at the place of the last one returns the line itself. Raise InputError if the line from the last click
+        to the new one would leave the surface and jump.
         """
         place = np.asarray(point, dtype=np.float64)[None, : self.surface.dim]
         foot = self.surface.closest_point(np.ascontiguousarray(place)).points

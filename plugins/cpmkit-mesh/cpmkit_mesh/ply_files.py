@@ -90,8 +90,8 @@ def ply_vertices(tables: dict[str, Table]) -> Floats:
 def _parse_header(data: bytes) -> tuple[str, list[Element], bytes]:
     """Return the encoding, the elements, and the bytes after the header of a PLY file's ``data``.
 
-    Raise InputError if a line is damaged, ``ply``, ``end_header`` or the format is missing, or an element repeats a
-    name.
+    The encoding is one of :data:`PLY_ENCODINGS`. Raise InputError if a line is damaged, ``ply``, ``end_header`` or the
+    format is missing, or an element repeats a name.
     """
     if not data.removeprefix(b"\xef\xbb\xbf").startswith(b"ply"):
         raise InputError("it does not begin with ply.")

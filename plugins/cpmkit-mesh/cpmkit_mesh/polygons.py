@@ -76,7 +76,7 @@ def triangulate(vertices: Floats, polygons: Polygons) -> Ints:
 def _best_fans(vertices: Floats, corners: Ints, which: Ints) -> Ints:
     """Return (m, c - 2, 3) the triangles of polygons ``corners`` (m, c), whose numbers, for errors, are ``which`` (m,).
 
-    Raise InputError if one crosses itself.
+    ``vertices`` (n, 3) are positions. Raise InputError if one crosses itself.
     """
     count = corners.shape[1]
     best, least = _fan(corners, 0), _least_area_share(vertices, _fan(corners, 0))
@@ -97,7 +97,7 @@ def _best_fans(vertices: Floats, corners: Ints, which: Ints) -> Ints:
 def _clip_ears(vertices: Floats, corners: Ints, which: Ints) -> Ints:
     """Return (m, c - 2, 3) the triangles of polygons ``corners`` (m, c), by clipping ears along their mean normals.
 
-    ``which`` (m,) are their numbers. Raise InputError if one crosses itself.
+    ``vertices`` (n, 3) are positions, ``which`` (m,) the polygons' numbers. Raise InputError if one crosses itself.
     """
     from cpmkit_mesh.ear_kernels import clip_ears
 
@@ -118,6 +118,7 @@ def _clip_ears(vertices: Floats, corners: Ints, which: Ints) -> Ints:
 
 
 def _fan(corners: Ints, start: int) -> Ints:
+    """Return (m, c - 2, 3) the triangles, wound alike, of polygons ``corners`` (m, c) that share corner ``start``."""
     flipped = np.roll(corners, -start, axis=1)
     middle = np.arange(1, corners.shape[1] - 1)
     return np.stack(np.broadcast_arrays(flipped[:, :1], flipped[:, middle], flipped[:, middle + 1]), axis=2)

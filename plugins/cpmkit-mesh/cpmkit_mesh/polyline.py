@@ -105,7 +105,10 @@ class Polyline:
         return direction
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return (n, ...) ``values`` (value_count, ...) of the user's points, interpolated linearly at ``feet``."""
+        """Return (n, ...) ``values`` (value_count, ...) of the user's points, interpolated linearly at ``feet``.
+
+        Raise InputError if ``values`` has another number of rows, or ``feet`` lack ``element`` or ``local``.
+        """
         segment, t = self._locate(feet)
         values = one_row_each(values, self.value_count, "points")
         ends = self.given_index[self.segments[segment]]

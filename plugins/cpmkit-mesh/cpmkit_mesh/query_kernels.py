@@ -126,9 +126,10 @@ def find_local_minima(x, start, stop, radius, boxes, nodes, frames, shape, patch
 def _cone_misses_query(px, py, pz, boxes, cones, node):
     """Return whether no normal in the node's cone leads from its box to the query p (Johnson and Cohen 2001).
 
-    At a local minimum the direction to the query is a normal, or a mean of those of the triangles around it. From all
-    points of the ball around the box, directions to the query lie in a cone about that from the centre, whose sine is
-    radius over distance.
+    ``boxes`` (nodes, 6) and ``cones`` (nodes, 5) are those of a ``BoxTree`` and ``VertexTriangles``. At a local minimum
+    the direction to the query is a normal, or a mean of those of the triangles around it. From all points of the ball
+    around the box, directions to the query lie in a cone about that from the centre, whose sine is radius over
+    distance.
     """
     dx = px - 0.5 * (boxes[node, 0] + boxes[node, 3])
     dy = py - 0.5 * (boxes[node, 1] + boxes[node, 4])
@@ -196,7 +197,10 @@ def mark_distinct_minima(rows, points, distance, relative, absolute, is_first):
 
 @inlined
 def _write_nearest(x, i, s, v, w, frames, local, point, distance):
-    """Write to row i of the outputs point at v, w of the primitive in slot ``s``, and its distance from ``x[i]``."""
+    """Write to row ``i`` of ``local``, ``point`` and ``distance`` the point at v, w of the primitive in slot ``s``.
+
+    The distance is that from ``x[i]``; ``frames`` are those of a ``BoxTree``.
+    """
     local[i, 0] = v
     local[i, 1] = w
     square = 0.0
@@ -208,7 +212,7 @@ def _write_nearest(x, i, s, v, w, frames, local, point, distance):
 
 @inlined
 def _box_square(px, py, pz, boxes, node):
-    """Return the squared distance of p from the box of a node."""
+    """Return the squared distance of p from the box of ``node`` in ``boxes`` (nodes, 6), zero inside."""
     dx = max(max(boxes[node, 0] - px, px - boxes[node, 3]), 0.0)
     dy = max(max(boxes[node, 1] - py, py - boxes[node, 4]), 0.0)
     dz = max(max(boxes[node, 2] - pz, pz - boxes[node, 5]), 0.0)

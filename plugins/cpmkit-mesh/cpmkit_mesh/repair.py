@@ -101,6 +101,7 @@ def _flip_faces(faces: Ints, flipped: Bools) -> Ints:
 
 
 def _has_area(points: Floats, faces: Ints) -> bool:
+    """Return whether a triangle of ``faces`` (m, 3) has an area above :data:`LEAST_AREA_SHARE`."""
     lengths = np.linalg.norm(points[faces] - points[faces[:, [1, 2, 0]]], axis=2)
     return bool((double_areas(points, faces) > LEAST_AREA_SHARE * lengths.max(axis=1, initial=0.0) ** 2).any())
 

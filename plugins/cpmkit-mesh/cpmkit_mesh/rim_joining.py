@@ -26,17 +26,9 @@ MERGED_NEIGHBOURS = 8
 def merge_rim_vertices(points: Floats, faces: Ints, weld: float | None = None) -> Ints:
     """Return (n,) the vertex with which each vertex is merged: the first of its group, or itself.
 
-    Only vertices on rims are merged: those of triangles stored one by one in single precision, and of seams torn by
-    rounding. The ends of an edge never are, since it is far longer than the tolerance.
-
-    Parameters
-    ----------
-    points : (n, 3) float64
-        Positions of the vertices.
-    faces : (m, 3) int64
-        Triangles.
-    weld : float, optional
-        The distance up to which vertices are merged; by default that of rounding.
+    ``faces`` (m, 3) are triangles between ``points`` (n, 3); ``weld`` is the distance up to which vertices are merged,
+    None for that of rounding. Only vertices on rims are merged: those of triangles stored one by one in single
+    precision, and of seams torn by rounding. The ends of an edge never are, since it is far longer than the tolerance.
     """
     from scipy.spatial import cKDTree
 
@@ -146,16 +138,11 @@ def _split_triangles(rows: Ints, corners: Ints, cell: Ints, edge: Ints, middle: 
 
 
 def _vertices_on_edges(points: Floats, cells: Ints, weld: float | None) -> tuple[Ints, Ints, Ints, Floats]:
-    """Return the T-junctions of triangles ``cells`` (m, 3): vertices on edges of rims, vertices of rims on any edge.
+    """Return triangle, edge and vertex (k,) of each T-junction, and the share (k,) of the edge at the vertex.
 
-    With ``weld``, the distance up to which it counts as on a rim's edge, only vertices of rims are found.
-
-    Returns
-    -------
-    cell, edge, vertex : (k,) int64
-        The triangle, its edge, and the vertex that lies inside it.
-    share : (k,) float64
-        The share of the edge at which it lies.
+    The T-junctions of triangles ``cells`` (m, 3) between ``points`` (n, 3) are vertices on edges of rims, and vertices
+    of rims on any edge. With ``weld``, the distance up to which a vertex counts as on a rim's edge, only vertices of
+    rims are found.
     """
     adjacency = topology(points, cells)
     at_rim = np.zeros(cells.size, dtype=bool)  # edge e of a triangle is opposite its corner e
@@ -177,7 +164,7 @@ def _vertices_on_edges(points: Floats, cells: Ints, weld: float | None) -> tuple
 def _edge_vertex_pairs(points: Floats, cells: Ints, edges: Ints, vertices: Ints, reach: Floats) -> tuple[Ints, Ints]:
     """Return (k,) and (k,) the pairs of an edge and a vertex inside it, up to the vertex's ``reach`` (n,).
 
-    ``edges`` are numbers 3 cell + edge of edges of ``cells`` (m, 3), ``vertices`` the candidates.
+    ``edges`` are numbers 3 cell + edge of edges of ``cells`` (m, 3), ``vertices`` candidate rows of ``points`` (n, 3).
     """
     start, end = _edge_ends(cells, edges)
     middle, half = 0.5 * (points[start] + points[end]), 0.5 * norms(points[end] - points[start])
@@ -215,7 +202,7 @@ def _close_pairs(points: Floats, others: Floats, distance: Floats) -> tuple[Ints
 def _edge_shares(points: Floats, cells: Ints, edge: Ints, vertex: Ints) -> tuple[Floats, Floats]:
     """Return (k,) the shares of edges at which vertices project on them, and (k,) their distances from the lines.
 
-    ``edge`` (k,) are numbers 3 cell + edge of ``cells`` (m, 3), ``vertex`` (k,) vertices.
+    ``edge`` (k,) are numbers 3 cell + edge of ``cells`` (m, 3), ``vertex`` (k,) rows of ``points`` (n, 3).
     """
     start, end = _edge_ends(cells, edge)
     way, off = points[end] - points[start], points[vertex] - points[start]
@@ -224,4 +211,5 @@ def _edge_shares(points: Floats, cells: Ints, edge: Ints, vertex: Ints) -> tuple
 
 
 def _edge_ends(cells: Ints, edge: Ints) -> tuple[Ints, Ints]:
+    """Return (k,) and (k,) the start and end vertices of edges ``edge`` (k,), numbers 3 cell + edge of ``cells``."""
     return cells[edge // 3, (edge + 1) % 3], cells[edge // 3, (edge + 2) % 3]

@@ -175,7 +175,10 @@ class TriangleMesh:
         return replace(self, smooth=False)
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return (n, ...) ``values`` (value_count, ...) of the user's vertices, interpolated linearly at ``feet``."""
+        """Return (n, ...) ``values`` (value_count, ...) of the user's vertices, interpolated linearly at ``feet``.
+
+        Raise InputError if ``values`` has another number of rows, or ``feet`` lack ``element`` or ``local``.
+        """
         face, local = self._locate(feet)
         values = one_row_each(values, self.value_count, "vertices")
         return np.einsum("nc,nc...->n...", local, values[self.repaired.given_faces[face]])
