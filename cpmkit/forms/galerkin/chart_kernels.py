@@ -86,11 +86,14 @@ def _are_facing(places: Floats, vectors: Floats, p: int, q: int, reach: float, k
 
 
 @compiled
-def path_lengths(pairs: Ints, limits: Floats, starts: Ints, others: Any, steps: Floats) -> Floats:
+def path_lengths(
+    pairs: Ints, distances: Floats, limits: Floats, starts: Ints, others: Any, steps: Floats, places: Floats
+) -> Floats:
     """Return the lengths (k,) of the shortest paths between the two of each of ``pairs`` (k, 2), over adjacent groups.
 
     A path longer than the limit (k,) of its pair may count as infinite. The ``others`` (t,) adjacent to each group, at
-    the distances ``steps`` (t,), are in compressed rows, with ``starts``. ``pairs`` ascend by their first group.
+    the distances ``steps`` (t,), are in compressed rows, with ``starts``. ``pairs`` ascend by their first group;
+    ``distances`` (k,) are those between the ``places`` (g, d) of their two groups.
     """
     lengths = np.full(len(pairs), np.inf)
     distance = np.full(len(starts) - 1, np.inf)
@@ -99,9 +102,10 @@ def path_lengths(pairs: Ints, limits: Floats, starts: Ints, others: Any, steps: 
     reached = np.empty(len(distance), dtype=np.int64)
     first = 0
     while first < len(pairs):
-        last, limit = first, 0.0
+        # a path to q over x is at least as long as that to x and |x - q| >= |x - p| - |p - q|
+        last, longest = first, 0.0
         while last < len(pairs) and pairs[last, 0] == pairs[first, 0]:
-            limit = max(limit, limits[last])
+            longest = max(longest, limits[last] + distances[last])
             last += 1
         queue[0] = reached[0] = pairs[first, 0]
         distance[queue[0]] = 0.0
@@ -113,7 +117,7 @@ def path_lengths(pairs: Ints, limits: Floats, starts: Ints, others: Any, steps: 
             for place in range(starts[at], starts[at + 1]):
                 to = others[place]
                 length = distance[at] + steps[place]
-                if length < distance[to] and length <= limit:
+                if length < distance[to] and length + _distance(places, pairs[first, 0], to) <= longest:
                     if distance[to] == np.inf:
                         reached[count] = to
                         count += 1
@@ -128,6 +132,15 @@ def path_lengths(pairs: Ints, limits: Floats, starts: Ints, others: Any, steps: 
             distance[reached[k]] = np.inf
         first = last
     return lengths
+
+
+@compiled
+def _distance(places: Floats, p: int, q: int) -> float:
+    """Return the distance between two of the ``places`` (g, d)."""
+    square = 0.0
+    for axis in range(places.shape[1]):
+        square += (places[q, axis] - places[p, axis]) ** 2
+    return float(np.sqrt(square))
 
 
 @compiled

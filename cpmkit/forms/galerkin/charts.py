@@ -191,14 +191,15 @@ def near_pairs(
     )
     pairs, is_fold = np.concatenate([folds, at_rims[voids]]), np.arange(len(folds) + len(voids)) < len(folds)
     void_limits = VOID_FACTOR * _distances(middles, voids) + VOID_SPACINGS_MORE * h
-    limits = np.concatenate([FOLD_FACTORS[manifold_dim] * _distances(centres, folds), void_limits])
+    distances = _distances(centres, pairs)
+    limits = np.concatenate([FOLD_FACTORS[manifold_dim] * distances[: len(folds)], void_limits])
     limits = np.maximum(limits, LEAST_PATH_SPACINGS * h)
     longest = np.where(is_fold, limits, np.maximum(limits, LONGEST_PATH_SPACINGS * h))
     starts, others = _neighbours(groups.touching, len(centres))
     steps = norms(centres[others] - centres.repeat(np.diff(starts), axis=0))
     order = np.lexsort(pairs.T[::-1])
     paths = np.empty(len(pairs))
-    paths[order] = path_lengths(pairs[order], longest[order], starts, others, steps)
+    paths[order] = path_lengths(pairs[order], distances[order], longest[order], starts, others, steps, centres)
     opposite = 1.0 - dots(directions[pairs[:, 0]], directions[pairs[:, 1]])
     scores = np.where(is_fold, LONGEST_PATH_SPACINGS + opposite, np.minimum(paths / h, LONGEST_PATH_SPACINGS))
     is_far = paths > limits
