@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, ResolutionError
+from cpmkit.errors import ConvergenceError, InputError, ResolutionError
 from cpmkit.families.context import PreparedSystem, SolveContext, operator_key, surely_positive, times_mass, with_border
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.operators import LinearSystem
@@ -33,9 +33,27 @@ def assemble(form: Discretized) -> LinearSystem:
     ----------
     form : Discretized
         The discretised scene.
+
+    Raises
+    ------
+    InputError
+        If the equation of the scene is not steady, or a coefficient or datum is not accepted.
+    ResolutionError
+        If the spacing is too coarse for the velocity.
+
+    Notes
+    -----
+    A = -div(a grad) + c with the conditions. Rows are integrals in the Galerkin form and values at nodes in the
+    collocation form.
     """
-    stiffness = form.stiffness(form.scene.problem.terms())
-    b = form.load(form.scene.problem.terms().f) + form.condition_load(stiffness)
+    problem = form.scene.problem
+    if problem.family != "steady":
+        raise InputError(
+            f"assemble takes the scene of a steady equation, such as Poisson or Elliptic, got {problem.kind!r}; "
+            "assemble its steady part, or use solve."
+        )
+    stiffness = form.stiffness(problem.terms())
+    b = form.load(problem.terms().f) + form.condition_load(stiffness)
     return LinearSystem(with_border(form, stiffness), b)
 
 

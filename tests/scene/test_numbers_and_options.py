@@ -101,6 +101,12 @@ def test_a_guess_is_put_right_where_the_right_side_is_zero():
     np.testing.assert_array_equal(u[:, 1], 0.0)
 
 
+@pytest.mark.parametrize("problem", [ck.Eigen(4), ck.Biharmonic("x"), ck.Heat("x", 0.1, 0.05)])
+def test_only_steady_equations_have_a_system_to_assemble(problem):
+    with pytest.raises(ck.InputError, match="takes the scene of a steady equation"):
+        ck.assemble(ck.discretize(ck.Scene(CIRCLE, problem), 0.2))
+
+
 @pytest.mark.parametrize("wrong", [3.0, "3", None, [3], True])
 def test_a_degree_and_an_order_are_whole_numbers(wrong):
     for option in ("degree", "order"):
