@@ -94,11 +94,14 @@ class Kept:
 def nothing_cut() -> Iterator[None]:
     """Solve without cuts at creases, junctions and between charts."""
 
-    def no_facets(mesh: Any, *_: Any, **__: Any) -> Any:
+    def no_facets(mesh: Any, *_: Any) -> Any:
         return np.zeros((0, mesh.manifold_dim), dtype=np.int64)
 
+    def no_charts(mesh: Any, *_: Any) -> Any:
+        return no_facets(mesh), False
+
     module = "cpmkit.forms.galerkin.scene_sampling"
-    with patch(f"{module}.crease_facets", no_facets), patch(f"{module}.chart_facets", no_facets):
+    with patch(f"{module}.crease_facets", no_facets), patch(f"{module}.chart_facets", no_charts):
         yield
 
 

@@ -16,8 +16,9 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
-#: The owners, in ``mesh.owner``, of facets at creases and junctions, and between charts.
-CREASE_OWNER, CHART_OWNER = -1, -2
+#: The owners, in ``mesh.owner``, of facets at creases and junctions, between charts of folds alone, and between charts
+#: where there are voids.
+CREASE_OWNER, FOLD_OWNER, VOID_OWNER = -1, -2, -3
 #: Cells that turn by more than this angle, in degrees, at their common facet meet in a crease. Neighbours on a circle
 #: of a radius of one spacing turn by 29 degrees, as edges are half a spacing long.
 CREASE_DEGREES = 30.0
@@ -78,7 +79,7 @@ def turning_facets(mesh: Mesh, degrees: float, sliver: float = 0.0) -> Bools:
 def with_ties(mesh: Mesh, facets: Ints, owner: int) -> Mesh:
     """Return a mesh cut at ``facets`` (c, k - 1) too, where u is tied; they follow those of boundaries in ``mesh.cut``.
 
-    Their ``owner`` is negative: `CREASE_OWNER` or `CHART_OWNER`. Without facets the mesh itself is returned.
+    Their ``owner`` is negative, as above. Without facets the mesh itself is returned.
     """
     if not len(facets):
         return mesh

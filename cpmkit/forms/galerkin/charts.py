@@ -72,30 +72,32 @@ class RimEdges:
         return cls(cell_of[rim.rows], mesh.vertices[mesh.edges.ends[rim.rows]], rim.outward)
 
 
-def chart_facets(mesh: Mesh, corners: Ints, spacing: float) -> Ints:
-    """Return the facets (c, k - 1) between the charts of a mesh that is cut at boundaries and creases.
+def chart_facets(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Ints, bool]:
+    """Return the facets (c, k - 1) between the charts of a mesh that is cut at boundaries and creases, and a flag.
+
+    The flag says whether there are voids, at whose corners u is singular, and not folds alone.
 
     ``corners`` (m, k) are the vertices of its cells after cutting. ``spacing`` is h; cells are at most about half as
     long.
     """
-    facets, sides, chart = _charts(mesh, corners, spacing)
+    facets, sides, chart, has_voids = _charts(mesh, corners, spacing)
     chosen = facets[chart[sides[:, 0]] != chart[sides[:, 1]]]
-    return chosen[:, None] if mesh.manifold_dim == 1 else np.asarray(mesh.edges.ends[chosen])
+    return chosen[:, None] if mesh.manifold_dim == 1 else np.asarray(mesh.edges.ends[chosen]), has_voids
 
 
-def _charts(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Ints, Ints, Ints]:
+def _charts(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Ints, Ints, Ints, bool]:
     """Return the facets (e,) between two cells that both have a chart, these cells (e, 2), and the chart (m,) of cells.
 
-    Cells without a chart have -1. The arguments are those of :func:`chart_facets`.
+    The last value is the flag of :func:`chart_facets`. Cells without a chart have -1.
     """
-    none = np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64), np.full(len(mesh.cells), -1)
+    none = np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64), np.full(len(mesh.cells), -1), False
     centres, vectors = mesh.vertices[mesh.cells].mean(axis=1), _measure_vectors(mesh)
     dof_map = build_dof_map(centres, corners, spacing)
     has_folds, rims = _reads_folded_unknown(dof_map, vectors), RimEdges.of(mesh)
     if not (has_folds.any() or len(rims.cell)):
         return none
     groups = group_cells(corners, centres, vectors, dof_map)
-    pairs, scores = near_pairs(groups, rims, dof_map, has_folds, mesh.manifold_dim)
+    pairs, scores, is_fold = near_pairs(groups, rims, dof_map, has_folds, mesh.manifold_dim)
     if not len(pairs):
         return none
     marked = mark_common_unknowns(dof_map.unknowns, groups.patch[pairs], dof_map.size)
@@ -114,7 +116,7 @@ def _charts(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Ints, Ints, Ints
     if mesh.manifold_dim == 2:
         least = LEAST_AREA * spacing**2
         chart = _without_small_charts(chart, norms(vectors), sides, mesh.edge_lengths[facets], least)
-    return facets, sides, chart
+    return facets, sides, chart, not is_fold.all()
 
 
 def _without_small_charts(chart: Ints, areas: Floats, sides: Ints, lengths: Floats, least: float) -> Ints:
@@ -174,10 +176,11 @@ def _sums(number: Ints, values: Floats) -> Floats:
 
 def near_pairs(
     groups: CellGroups, rims: RimEdges, dof_map: DofMap, has_folds: Bools, manifold_dim: int
-) -> tuple[Ints, Floats]:
+) -> tuple[Ints, Floats, Bools]:
     """Return the pairs (k, 2) of groups that are near in space but not along the manifold, and a score (k,) of each.
 
-    Charts begin at the highest scores. ``has_folds`` (p,) are the patches among which folds are sought.
+    The last value says whether (k,) each is across a fold; the others are across a void. Charts begin at the highest
+    scores. ``has_folds`` (p,) are the patches among which folds are sought.
     """
     h, centres, directions, patches = dof_map.spacing, groups.centres, groups.directions, len(dof_map.cells)
     unknowns, readers = dof_map.unknowns, inverse_index(dof_map.unknowns.ravel(), dof_map.size)
@@ -203,7 +206,7 @@ def near_pairs(
     opposite = 1.0 - dots(directions[pairs[:, 0]], directions[pairs[:, 1]])
     scores = np.where(is_fold, LONGEST_PATH_SPACINGS + opposite, np.minimum(paths / h, LONGEST_PATH_SPACINGS))
     is_far = paths > limits
-    return pairs[is_far], scores[is_far]
+    return pairs[is_far], scores[is_far], is_fold[is_far]
 
 
 def _distances(points: Floats, pairs: Ints) -> Floats:

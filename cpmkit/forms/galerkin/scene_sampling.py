@@ -40,7 +40,7 @@ from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
-from cpmkit.meshing.creases import CHART_OWNER, CREASE_OWNER, crease_facets, with_ties
+from cpmkit.meshing.creases import CREASE_OWNER, FOLD_OWNER, VOID_OWNER, crease_facets, with_ties
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.insertion.boundary_insertion import Insertion, insert_boundaries
 from cpmkit.meshing.mesh_cache import repair_source_mesh
@@ -119,7 +119,12 @@ class SampledScene(InsertedScene):
     @property
     def has_charts(self) -> bool:
         """Whether the mesh is cut between charts."""
-        return bool((self.boundary.owner == CHART_OWNER).any())
+        return bool((self.boundary.owner <= FOLD_OWNER).any())
+
+    @property
+    def has_voids(self) -> bool:
+        """Whether the mesh is cut between charts at slots, necks or holes, at whose corners u is singular."""
+        return bool((self.boundary.owner == VOID_OWNER).any())
 
     @property
     def queries(self) -> int:
@@ -215,9 +220,9 @@ def _with_ties(mesh: Mesh, corners: Ints, spacing: float, smooth: bool) -> tuple
     if len(creases):
         mesh = with_ties(mesh, creases, CREASE_OWNER)
         corners = cut_corners(mesh)
-    charts = chart_facets(mesh, corners, spacing)
+    charts, has_voids = chart_facets(mesh, corners, spacing)
     if len(charts):
-        mesh = with_ties(mesh, charts, CHART_OWNER)
+        mesh = with_ties(mesh, charts, VOID_OWNER if has_voids else FOLD_OWNER)
         corners = cut_corners(mesh)
     return mesh, corners
 
