@@ -8,11 +8,11 @@ from cpmkit.plugin import Floats, norms
 
 
 def normalize_or_default(vectors: Floats, default: tuple[float, ...]) -> Floats:
-    """Return vectors (n, d) scaled to length one, and ``default`` for the zero vector.
+    """Return vectors (n, d) scaled to length one; in place of a zero vector, ``default`` (d,) scaled alike.
 
-    Each is divided by its largest component first: the square of 1e-170 would vanish, and a query
-    that near to a centre would leave the sphere.
+    Each is divided by its largest component first: the square of 1e-170 would vanish, and a query that near to a centre
+    would leave the sphere.
     """
     largest = np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
-    scale_by = np.where(largest > 0, vectors, default) / np.where(largest > 0, largest, 1.0)
-    return scale_by / norms(scale_by)[:, None]
+    scaled = np.where(largest > 0, vectors, default) / np.where(largest > 0, largest, 1.0)
+    return scaled / norms(scaled)[:, None]

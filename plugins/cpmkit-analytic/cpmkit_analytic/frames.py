@@ -12,7 +12,7 @@ from cpmkit.plugin import Floats, InputError, as_positions, as_vector, shown
 def as_position(x: Any, label: str) -> Floats:
     """Return ``x``, a list, tuple or array of 2 or 3 numbers, as a (2,) or (3,) float64 point.
 
-    Raise InputError, whose message begins with ``label``, if it is not, or fails :func:`as_point`.
+    Raise InputError, whose message begins with ``label``, if it is not, or a coordinate is not finite or above 1e50.
     """
     if (
         not isinstance(x, (list, tuple, np.ndarray))
@@ -33,7 +33,7 @@ def as_point(x: Any, dim: int, label: str) -> Floats:
 
 
 def as_direction(x: Any, dim: int, label: str) -> Floats:
-    """Return ``x`` as a (dim,) unit vector; raise InputError if it is not ``dim`` finite numbers, or all are zero."""
+    """Return ``x``, ``dim`` finite numbers that are not all zero, as a unit vector; raise InputError if it is not."""
     vector = as_vector(x, dim, label)
     largest = np.abs(vector).max()
     if largest == 0:
@@ -44,23 +44,23 @@ def as_direction(x: Any, dim: int, label: str) -> Floats:
 
 
 def plane_frame(x_axis: Any = None) -> Floats:
-    """Return the (2, 2) frame whose first axis is along ``x_axis``."""
+    """Return the right-handed frame (2, 2), axes in columns, with the first along ``x_axis``, 2 numbers, or (1, 0)."""
     x, y = as_direction((1.0, 0.0) if x_axis is None else x_axis, 2, "x_axis")
     return np.array([[x, -y], [y, x]])
 
 
 def space_frame(z_axis: Any, x_axis: Any = None, label: str = "axis") -> Floats:
-    """Return the (3, 3) right-handed frame with its third axis along ``z_axis``.
+    """Return the right-handed frame (3, 3), axes in columns, with its third axis along ``z_axis``.
 
-    Raise InputError if an axis is zero, or the two are parallel.
+    Raise InputError if an axis is zero, or the angle between the two is below 1e-9.
 
     Parameters
     ----------
     z_axis : (3,) numbers
         Any length but zero.
     x_axis : (3,) numbers, optional
-        The first axis is its part across ``z_axis``. Without it, that of the coordinate axis
-        farthest from ``z_axis``: the frame of (0, 0, 1) is the identity.
+        The first axis is its part across ``z_axis``. Without it, that of the coordinate axis at the largest angle to
+        ``z_axis``: the frame of (0, 0, 1) is the identity.
     label : str
         The name of ``z_axis`` in errors.
     """

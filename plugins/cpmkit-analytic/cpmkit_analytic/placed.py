@@ -71,7 +71,7 @@ class Placed:
         return box
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
-        """Return the closest points of ``x`` (n, d).
+        """Return the closest points of ``x`` (n, d); ``local`` is the angle, the share of a segment, or None.
 
         Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
@@ -80,18 +80,23 @@ class Placed:
         return ClosestPoints(self._to_world(feet.points), norms(q - feet.points), feet.edge, local=feet.local)
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) on the shape and cells (m, k) with edges of about ``spacing``."""
+        """Return vertices (v, d) on the shape and cells (m, k) with edges of about ``spacing``, above zero.
+
+        Cells are the point (k = 1), segments in order of travel (2), or triangles (3), counterclockwise seen from
+        outside.
+        """
         vertices, cells = self.shape.mesh(positive(spacing, "spacing"))
         return self._to_world(vertices), cells
 
     def translate(self, offset: Floats, /) -> Placed:
-        """Return the same shape moved by ``offset`` (d,); the centre alone is rounded, once."""
+        """Return the same shape moved by ``offset``, (d,) finite numbers; the centre alone is rounded, once."""
         return replace(self, center=self.center + as_vector(offset, self.dim, "offset"))
 
     def move(self, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
-        """Return ``translation + scale * rotation @ x`` for the points x of this source.
+        """Return the shape of the points ``translation + scale * rotation @ x`` for the points x of this one.
 
-        Raise InputError if the matrix is not a proper rotation, a length is wrong or the scale is not above zero.
+        Raise InputError if the matrix is not a proper rotation, a vector's length is wrong or the scale is not above
+        zero.
 
         Parameters
         ----------
@@ -117,7 +122,7 @@ class PlacedSurface(Placed):
     """A hypersurface at its place, with outward normals."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return the outward unit normals (n, d); of a curve in the plane, those at the right hand of travel."""
+        """Return outward unit normals (n, d) at ``feet``; of a curve in the plane, at the right hand of travel."""
         shape = cast("HasShapeNormals", self.shape)
         return rotate(self.axes, shape.normals(self._to_shape(feet.points)))
 
@@ -126,7 +131,7 @@ class PlacedCurve(Placed):
     """A curve at its place, with tangents."""
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit tangents (n, d) in the direction of travel."""
+        """Return the unit tangents (n, d) at ``feet`` in the direction of travel."""
         shape = cast("HasShapeTangents", self.shape)
         return rotate(self.axes, shape.tangents(self._to_shape(feet.points)))
 
@@ -135,8 +140,8 @@ class PlacedPlaneCurve(PlacedCurve, PlacedSurface):
     """A curve at its place in the plane, with tangents and normals."""
 
 
-def place(shape: Shape, center: Floats, axes: Floats) -> Placed:
-    """Return ``shape`` at ``center`` (d,) with axes in the columns of ``axes`` (d, d), as the class that fits it."""
+def place_shape(shape: Shape, center: Floats, axes: Floats) -> Placed:
+    """Return ``shape`` with its origin at ``center`` (d,) and its axes in the columns of a rotation ``axes`` (d, d)."""
     abilities = (shape.manifold_dim == 1, shape.manifold_dim == shape.dim - 1)
     classes = {
         (False, False): Placed,

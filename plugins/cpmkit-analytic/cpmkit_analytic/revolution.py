@@ -11,31 +11,32 @@ import numpy as np
 from cpmkit.plugin import Floats, Ints
 
 
-def intervals(length: float, spacing: float, least: int = 1) -> int:
-    """Return into how many parts of at most ``spacing`` a length is cut, never fewer than ``least``."""
+def count_intervals(length: float, spacing: float, least: int = 1) -> int:
+    """Return the number, at least ``least``, of parts of a length that are at most ``spacing`` to rounding."""
     return max(least, int(np.ceil(length / spacing * (1 - 1e-12))))
 
 
-def revolve(radius: Floats, height: Floats, spacing: float, closed: bool = False) -> tuple[Floats, Ints]:
+def revolve_profile(radius: Floats, height: Floats, spacing: float, closed: bool = False) -> tuple[Floats, Ints]:
     """Return the triangulated surface that a profile sweeps around the z axis.
 
     Parameters
     ----------
     radius, height : (k,) float64
-        The profile, walked with the outside at the left hand seen from +y with x to the right: a
-        sphere from its north to its south pole. A radius of zero is a pole.
+        Distance from the axis and z of the profile's points, in the order that goes down where the outside is away from
+        the axis: a sphere from its north to its south pole. A radius of exactly zero is a pole.
     spacing : float
-        Length of the edges along the rings.
+        Greatest length of the edges along the rings.
     closed : bool
-        Stitch the last ring to the first.
+        Connect the last ring to the first.
 
     Returns
     -------
     vertices : (v, 3) float64
+        Ring by ring, in each by growing angle from the x axis.
     triangles : (m, 3) int64
         Counterclockwise seen from outside.
     """
-    counts = np.array([1 if r == 0 else intervals(2 * np.pi * r, spacing, least=3) for r in radius])
+    counts = np.array([1 if r == 0 else count_intervals(2 * np.pi * r, spacing, least=3) for r in radius])
     starts = np.cumsum(counts) - counts
     ring = np.repeat(np.arange(len(radius)), counts)
     angle = 2 * np.pi * (np.arange(len(ring)) - starts[ring]) / counts[ring]
@@ -45,17 +46,18 @@ def revolve(radius: Floats, height: Floats, spacing: float, closed: bool = False
 
 
 def _strip_triangles(starts: Ints, counts: Ints, upper: Ints, lower: Ints) -> Ints:
-    """Return the triangles between rings ``upper`` (s,) and ``lower`` (s,), strip by strip, one on each edge.
+    """Return the triangles (m, 3) between rings ``upper`` (s,) and ``lower`` (s,), strip by strip, one on each edge.
 
-    Walk both rings at once; each steps when the other has passed the middle of its edge, edges of the upper one first.
-    In integers both always agree about who steps first.
+    Ring r has ``counts[r]`` vertices from the number ``starts[r]`` on, by growing angle; a pole has one and no edge.
+    The third corner is the vertex of the other ring nearest to the edge's middle by angle; integers decide ties alike
+    for both rings. Triangles are counterclockwise seen from outside with the upper ring on top.
     """
     rings = np.stack([starts[upper], starts[lower], counts[upper], counts[lower]])
-    strip, i = _edges(counts[upper])
+    strip, i = _ring_edges(counts[upper])
     a, b, n, m = rings[:, strip]
     passed = -((n - (2 * i + 1) * m) // (2 * n)) % m  # of the lower ring's middles, those before this edge's
     on_upper = np.stack([a + i, b + passed, a + (i + 1) % n], axis=1)
-    other, j = _edges(counts[lower])
+    other, j = _ring_edges(counts[lower])
     a, b, n, m = rings[:, other]
     passed = (((2 * j + 1) * n - m) // (2 * m) + 1) % n
     on_lower = np.stack([b + j, b + (j + 1) % m, a + passed], axis=1)
@@ -63,8 +65,8 @@ def _strip_triangles(starts: Ints, counts: Ints, upper: Ints, lower: Ints) -> In
     return np.asarray(np.concatenate([on_upper, on_lower])[order], dtype=np.int64)
 
 
-def _edges(counts: Ints) -> tuple[Ints, Ints]:
-    """Return the strip (k,) and the number (k,) of each edge of rings with so many vertices; a pole has none."""
+def _ring_edges(counts: Ints) -> tuple[Ints, Ints]:
+    """Return the ring and the number in it (k,) of each edge of rings with ``counts`` vertices; poles have none."""
     edges = np.where(counts > 1, counts, 0)
     strip = np.repeat(np.arange(len(edges)), edges)
     return strip, np.arange(len(strip)) - (np.cumsum(edges) - edges)[strip]

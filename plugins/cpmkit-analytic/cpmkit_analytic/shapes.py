@@ -10,7 +10,7 @@ from cpmkit.plugin import Floats, Ints
 
 
 class Feet(NamedTuple):
-    """Closest points (n, d) in the frame of the shape, with their ``edge`` and ``local`` entries."""
+    """Closest points (n, d) in the frame of the shape, ``edge`` (n,), -1 for none, and ``local`` (n, m) or None."""
 
     points: Floats
     edge: Ints
@@ -29,13 +29,13 @@ class Shape(Protocol):
         """Dimension of the shape."""
 
     def feet(self, q: Floats) -> Feet:
-        """Return the closest points of ``q`` (n, d)."""
+        """Return the closest points of ``q`` (n, d), in the frame of the shape."""
 
     def support(self, u: Floats) -> Floats:
         """Return the largest ``u . p`` over the shape for each row of ``u`` (n, d): its extent along u."""
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return vertices on the shape and cells of about the size ``spacing``."""
+        """Return vertices (v, d) on the shape and cells (m, k), k = 1, 2 or 3, with edges of about ``spacing``."""
 
     def scale_by(self, factor: float) -> Shape:
         """Return the shape ``factor`` times as large."""
@@ -45,14 +45,14 @@ class HasShapeNormals(Shape, Protocol):
     """A hypersurface with outward normals."""
 
     def normals(self, p: Floats) -> Floats:
-        """Return unit normals (n, d) at points of the shape."""
+        """Return outward unit normals (n, d) at points ``p`` (n, d) of the shape."""
 
 
 class HasShapeTangents(Shape, Protocol):
     """A curve with tangents."""
 
     def tangents(self, p: Floats) -> Floats:
-        """Return unit tangents (n, d) at points of the shape."""
+        """Return unit tangents (n, d) in the direction of travel at points ``p`` (n, d) of the shape."""
 
 
 def no_edge_entries(q: Floats) -> Ints:

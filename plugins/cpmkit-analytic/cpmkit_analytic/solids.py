@@ -34,7 +34,10 @@ class Box:
         return len(self.half)
 
     def feet(self, q: Floats) -> Feet:
-        """Return the closest points; ``edge`` names the side, 2 k or 2 k + 1, that is farthest away."""
+        """Return the closest points of ``q`` (n, d); of points in the box, themselves with ``edge`` -1.
+
+        Else ``edge`` is the side that is farthest away: 2 k where coordinate k is least, 2 k + 1 where it is greatest.
+        """
         beyond = np.abs(q) - self.half
         axis = beyond.argmax(axis=1)
         rows = np.arange(len(q))
@@ -42,11 +45,11 @@ class Box:
         return Feet(np.clip(q, -self.half, self.half), np.where(beyond[rows, axis] > 0, face, -1))
 
     def support(self, u: Floats) -> Floats:
-        """Return the largest ``u . p`` over the box."""
+        """Return (n,) the largest ``u . p`` over the box for each of ``u`` (n, d)."""
         return np.asarray(np.abs(u) @ self.half)
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return triangles that fill the rectangle, or cover the cuboid."""
+        """Return vertices (v, d) and triangles (m, 3), counterclockwise, in the rectangle or on the cuboid's sides."""
         if self.dim == 2:
             return rectangle(-self.half, self.half, spacing)
         vertices, triangles, first = [], [], 0
