@@ -11,7 +11,7 @@ ROUNDING_SHARE = 1e-12
 
 
 @compiled
-def survivors(x, shapes, first, centres, tangents, radii, deviations, query, cell, distance):
+def fill_survivors(x, shapes, first, centres, tangents, radii, deviations, query, cell, distance):
     """Fill in each pair of a query and a finest cell that may be closest, and how far the cell's disc is.
 
     Parameters
@@ -23,7 +23,7 @@ def survivors(x, shapes, first, centres, tangents, radii, deviations, query, cel
     centres, tangents, radii, deviations
         Of the cells of all levels, as in a ``Level``.
     query, cell, distance : (room,) int64, int64, float64
-        Filled with the pairs, sorted by query.
+        Filled in place with the pairs, sorted by query; cells are numbered within the finest level.
 
     Returns
     -------
@@ -41,11 +41,11 @@ def survivors(x, shapes, first, centres, tangents, radii, deviations, query, cel
         nearest = np.inf
         for level in range(levels):
             if level > 0:
-                found = _halve(cells_of_query, found, shapes[level, m - 1], m)
+                found = _subdivide_cells(cells_of_query, found, shapes[level, m - 1], m)
             least = np.inf
             for k in range(found):
                 c = first[level] + cells_of_query[k]
-                apart[k], to_centre = _distances(x, i, centres, tangents, radii, c)
+                apart[k], to_centre = _cell_distances(x, i, centres, tangents, radii, c)
                 bound[k] = apart[k] - deviations[c]
                 nearest, least = min(nearest, to_centre), min(least, bound[k])
             limit, kept = max(nearest * (1.0 + ROUNDING_SHARE), least), 0
@@ -63,8 +63,11 @@ def survivors(x, shapes, first, centres, tangents, radii, deviations, query, cel
 
 
 @compiled
-def _halve(cells_of_query, found, across, m):
-    """Replace the first ``found`` cells by the 2^m cells of each, ``across`` of which lie along the last parameter."""
+def _subdivide_cells(cells_of_query, found, across, m):
+    """Replace in place the first ``found`` cells by the 2^m cells of each on the next level; return how many these are.
+
+    Cells are numbered in C order on their level; ``across`` of the next level lie along the last parameter.
+    """
     for k in range(found - 1, -1, -1):
         c = cells_of_query[k]
         if m == 1:
@@ -77,7 +80,7 @@ def _halve(cells_of_query, found, across, m):
 
 
 @compiled
-def _distances(x, i, centres, tangents, radii, c):
+def _cell_distances(x, i, centres, tangents, radii, c):
     """Return the distances of query ``i`` to the disc and to the centre of cell ``c``."""
     squared = along = 0.0
     for axis in range(x.shape[1]):

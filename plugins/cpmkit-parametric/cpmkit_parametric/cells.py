@@ -57,7 +57,7 @@ class Level:
     spans: Floats
 
     def distances(self, x: Floats, cell: Ints) -> tuple[Floats, Floats]:
-        """Return the distances of queries (k, d) to the discs of cells (k,), and to their centres."""
+        """Return distances (k,) of queries ``x`` (k, d) to the discs of cells ``cell`` (k,), and to their centres."""
         apart = x - self.centres[cell]
         squared = np.einsum("kd,kd->k", apart, apart)
         along = np.zeros(len(x))
@@ -90,8 +90,8 @@ class CellTree:
     Attributes
     ----------
     levels : tuple of Level
-    neighbours : (c, k) int64
-        Of the finest cells.
+    neighbours : (c, 3^m - 1) int64
+        Of the finest cells, the cell itself where there is none.
     ends : (c, m) float64
         Of the finest cells: 0 or 1 where the cell touches that end of a bounded parameter, else NaN.
     inverses : (c, d, m) float64
@@ -118,41 +118,39 @@ class CellTree:
 
     @cached_property
     def neighbours_along(self) -> Ints:
-        """(c, k) the neighbours that touch the same ends; the cell itself in place of others."""
+        """(c, 3^m - 1) the neighbours that touch the same ends; the cell itself in place of others."""
         touches = np.isfinite(self.ends)
         same = (self.ends[self.neighbours] == self.ends[:, None]) | ~touches[:, None]
         return np.where(same.all(axis=2), self.neighbours, np.arange(len(self.ends))[:, None])
 
-    def starts(self, x: Floats) -> Starts:
-        """Return the starts for queries (n, d): one in each valley of the distance, inside and along the ends.
+    def descent_starts(self, x: Floats) -> Starts:
+        """Return the starts for queries ``x`` (n, d): one in each valley of the distance, inside and along the ends.
 
-        A valley inside and another along an end may be a cell apart.
+        A query has at most eight of either, the nearest. A valley inside and another along an end may be a cell apart.
         """
-        survivors_of_queries = self._surviving(x)
+        survivors_of_queries = self._surviving_pairs(x)
         if survivors_of_queries is None:  # too many pairs at a time
             half = len(x) // 2
-            first, second = self.starts(x[:half]), self.starts(x[half:])
+            first, second = self.descent_starts(x[:half]), self.descent_starts(x[half:])
             return Starts(
                 np.concatenate([first.query, second.query + half]),
                 np.concatenate([first.parameters, second.parameters]),
             )
-        from cpmkit_parametric.start_kernels import starting_points
+        from cpmkit_parametric.start_kernels import find_starts
 
         finest = self.finest
         along = self.neighbours, self.neighbours_along, self.ends
         of_cells = np.array(finest.shape), finest.centres, self.inverses
-        return Starts(
-            *starting_points(np.ascontiguousarray(x), survivors_of_queries, *along, *of_cells, MOST_QUERY_STARTS)
-        )
+        return Starts(*find_starts(np.ascontiguousarray(x), survivors_of_queries, *along, *of_cells, MOST_QUERY_STARTS))
 
-    def _surviving(self, x: Floats) -> tuple[Ints, Ints, Floats] | None:
-        """Return query, finest cell and disc distance (p,) of pairs that may be closest to ``x``; None if too many."""
-        from cpmkit_parametric.cell_kernels import survivors
+    def _surviving_pairs(self, x: Floats) -> tuple[Ints, Ints, Floats] | None:
+        """Return query, finest cell, disc distance (p,) of pairs that may be closest to ``x``; None if too many."""
+        from cpmkit_parametric.cell_kernels import fill_survivors
 
         most, x = min(len(x) * len(self.finest.radii), MOST_QUERY_CELL_PAIRS), np.ascontiguousarray(x)
         for room in (min(most, USUAL_CELLS_OF_QUERY * len(x)), most):
             query, cell, distance = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
-            count = survivors(x, *self._level_arrays, query, cell, distance)
+            count = fill_survivors(x, *self._level_arrays, query, cell, distance)
             if count >= 0:
                 return query[:count].copy(), cell[:count].copy(), distance[:count].copy()
         return None
@@ -169,20 +167,20 @@ class CellTree:
 
 
 def build_tree(map: UnitMap, domain: Domain) -> CellTree:
-    """Return the tree of cells of ``map``, halved until the finest cells are flat.
+    """Return the tree of cells of ``map``, halved until the finest cells are flat, or are 2^15, of a surface 2^17.
 
-    Raise InputError if half of the smallest cells are not flat: the map winds more often than they resolve.
+    Raise InputError if half of the finest cells are not flat: the map winds more often than they resolve.
     """
-    shape = _top_shape(map)
+    shape = _coarsest_shape(map)
     m = map.count
     doublings = 2 if m == 2 else 4
     while True:
         finest = tuple(n << doublings for n in shape)
-        points = _grid(map, finest)
-        level = _level(points, finest)
+        points = _grid_points(map, finest)
+        level = _build_level(points, finest)
         cells = int(np.prod(finest))
         rough = (level.deviations > FLAT_CELL_SHARE[m] * DEVIATION_SAFETY_FACTOR * level.radii) & (level.radii > 0)
-        winding = _winding(map, level)
+        winding = _winding_cells(map, level)
         if cells << m > MOST_CELLS[m] or (np.mean(rough) < 0.05 and np.mean(winding) < 0.02):
             break
         doublings += 1
@@ -190,13 +188,13 @@ def build_tree(map: UnitMap, domain: Domain) -> CellTree:
         raise InputError(
             f"x winds or bends more often than {cells} cells resolve; use a shorter range, or fewer windings in it."
         )
-    levels = [_level(points, tuple(n << k for n in shape)) for k in range(doublings)]
+    levels = [_build_level(points, tuple(n << k for n in shape)) for k in range(doublings)]
     inverses = np.linalg.pinv(level.spans.transpose(0, 2, 1), rcond=1e-6).transpose(0, 2, 1)
     neighbours, ends = domain.neighbours(finest), domain.ends(finest)
     return CellTree((*levels, level), neighbours, ends, np.ascontiguousarray(inverses))
 
 
-def _winding(map: UnitMap, level: Level) -> Bools:
+def _winding_cells(map: UnitMap, level: Level) -> Bools:
     """Return (c,) in which cells a random point lies off the disc, or moves much faster than the cell's span.
 
     Samples at equal distances alone miss what winds in step with them, and a helix looks straight from afar.
@@ -213,8 +211,8 @@ def _winding(map: UnitMap, level: Level) -> Bools:
     return winding
 
 
-def _top_shape(map: UnitMap) -> tuple[int, ...]:
-    """Return the numbers of coarsest cells along each parameter, about equally long in both."""
+def _coarsest_shape(map: UnitMap) -> tuple[int, ...]:
+    """Return the numbers of the coarsest cells along each parameter, by which they are about equally long in both."""
     if map.count == 1:
         return (8,)
     s = np.linspace(0, 1, 33)
@@ -226,15 +224,15 @@ def _top_shape(map: UnitMap) -> tuple[int, ...]:
     return tuple(2 * 2 ** int(np.round(np.log2(share))) for share in shares)
 
 
-def _grid(map: UnitMap, shape: tuple[int, ...]) -> Floats:
-    """Return the images of the corners and middles of a grid of cells, (2 n + 1, ..., d)."""
+def _grid_points(map: UnitMap, shape: tuple[int, ...]) -> Floats:
+    """Return the images (2 n_1 + 1, ..., d) of the corners and middles of a grid of ``shape`` (n_1, ...) cells."""
     axes = np.meshgrid(*[np.linspace(0, 1, 2 * n + 1) for n in shape], indexing="ij")
     points = map.value(np.stack([axis.ravel() for axis in axes], axis=1))
     return points.reshape(*axes[0].shape, -1)
 
 
-def _level(points: Floats, shape: tuple[int, ...]) -> Level:
-    """Return the cells of a grid of ``shape`` from ``points`` (..., d) on a finer grid."""
+def _build_level(points: Floats, shape: tuple[int, ...]) -> Level:
+    """Return the level of ``shape`` cells from ``points`` (..., d) on a grid with an even number of steps a cell."""
     steps = [(points.shape[k] - 1) // n for k, n in enumerate(shape)]
     windows = [np.arange(n)[:, None] * step + np.arange(step + 1) for n, step in zip(shape, steps, strict=True)]
     cells = int(np.prod(shape))
@@ -248,7 +246,7 @@ def _level(points: Floats, shape: tuple[int, ...]) -> Level:
         i, j = steps[0] // 2, steps[1] // 2
         spans = np.stack([patch[:, -1, j] - patch[:, 0, j], patch[:, i, -1] - patch[:, i, 0]], axis=1)
         centres = patch[:, i, j]
-    tangents = _orthonormal(spans)
+    tangents = _orthonormal_basis(spans)
     apart = patch.reshape(cells, -1, points.shape[-1]) - centres[:, None]
     along = np.einsum("cpd,cmd->cpm", apart, tangents)
     off = np.linalg.norm(apart - np.einsum("cpm,cmd->cpd", along, tangents), axis=2).max(axis=1)
@@ -263,8 +261,8 @@ def _level(points: Floats, shape: tuple[int, ...]) -> Level:
     )
 
 
-def _orthonormal(spans: Floats) -> Floats:
-    """Return an orthonormal basis (c, m, d) of the spans, a zero vector where they are parallel or zero."""
+def _orthonormal_basis(spans: Floats) -> Floats:
+    """Return an orthonormal basis (c, m, d) of ``spans`` (c, m, d), a zero vector where they are parallel or zero."""
     basis = np.zeros_like(spans)
     for k in range(spans.shape[1]):
         rest = spans[:, k]

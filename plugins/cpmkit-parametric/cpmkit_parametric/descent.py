@@ -34,11 +34,11 @@ class Descent:
     converged: Bools
 
 
-def descend(map: UnitMap, domain: Domain, x: Floats, start: Floats, longest: Floats, size: float) -> Descent:
+def minimize_distance(map: UnitMap, domain: Domain, x: Floats, start: Floats, longest: Floats, size: float) -> Descent:
     """Minimise |map(s) - x| from each start.
 
-    Projected Newton with the Hessian's negative curvatures made positive and steps halved twice while the
-    distance grows. A Gauss-Newton fallback would stall where the query is near a centre of curvature.
+    Projected Newton with the Hessian's negative curvatures made positive and steps quartered while the distance grows.
+    A Gauss-Newton fallback would stall where the query is near a centre of curvature.
 
     Parameters
     ----------
@@ -51,11 +51,11 @@ def descend(map: UnitMap, domain: Domain, x: Floats, start: Floats, longest: Flo
     longest : (m,) float64
         Longest step, in unit parameters.
     size : float
-        Of the manifold, by which rounding is judged.
+        Of the manifold, a length by which rounding is judged.
     """
     from cpmkit_parametric.descent_kernels import newton_steps, point_distances
 
-    s = domain.start(start)
+    s = domain.move_off_poles(start)
     converged = np.zeros(len(s), dtype=np.bool_)
     active = np.arange(len(s))
     for _ in range(PARAMETRIC_DESCENT_STEPS):
@@ -72,7 +72,11 @@ def descend(map: UnitMap, domain: Domain, x: Floats, start: Floats, longest: Flo
 
 
 def _line_search(map: UnitMap, domain: Domain, s: Floats, x: Floats, p: Floats, step: Floats, size: float) -> Floats:
-    """Return parameters (n, m) after ``step`` (n, m) from ``s``, or a fraction of it by which no distance grows."""
+    """Return the parameters (n, m) after ``step`` (n, m) from ``s`` (n, m), or after a quarter of it, and so on.
+
+    The first share counts whose point is no farther from ``x`` (n, d) than ``p`` (n, d), the point at ``s``; after ten
+    shares ``s`` stays. ``size``, that of the manifold, judges rounding.
+    """
     from cpmkit_parametric.descent_kernels import is_farther
 
     trial = domain.advance_parameters(s, step)

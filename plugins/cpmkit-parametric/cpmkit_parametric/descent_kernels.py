@@ -13,7 +13,7 @@ EPSILON = float(np.finfo(np.float64).eps)
 
 @compiled
 def newton_steps(p, J, second, x, s, periodic, longest):
-    """Return the steps (n, m) from unit parameters ``s``, and how long they are in space (n,).
+    """Return the steps (n, m) from unit parameters ``s``, and their lengths (n,) in space, to first order.
 
     Parameters
     ----------
@@ -23,8 +23,9 @@ def newton_steps(p, J, second, x, s, periodic, longest):
         The queries.
     s : (n, m) float64
     periodic : (m,) bool
+        Other parameters do not step out of [0, 1].
     longest : (m,) float64
-        Longest step along each parameter.
+        Longest step along each parameter, by which the whole step is shortened.
     """
     n, m, d = J.shape
     step, length = np.empty((n, m)), np.empty(n)
@@ -45,9 +46,9 @@ def newton_steps(p, J, second, x, s, periodic, longest):
             if at_bound[i]:
                 g[i] = 0.0
         if m == 1:
-            _solve_line(A, H, g, step[row])
+            _solve_one_parameter(A, H, g, step[row])
         else:
-            _solve_plane(A, H, g, at_bound, step[row])
+            _solve_two_parameters(A, H, g, at_bound, step[row])
         most = 1.0
         for i in range(m):
             most = max(most, abs(step[row, i] / longest[i]))
@@ -64,8 +65,8 @@ def newton_steps(p, J, second, x, s, periodic, longest):
 
 
 @compiled
-def _solve_line(A, H, g, step):
-    """Fill ``step`` (1,) with g / |H|."""
+def _solve_one_parameter(A, H, g, step):
+    """Fill ``step`` (1,) with g / |H|, where |H| is at least LEAST_EIGENVALUE A; with 0 where both vanish."""
     positive = abs(H[0, 0])
     if positive < LEAST_EIGENVALUE * A[0, 0]:
         positive = LEAST_EIGENVALUE * A[0, 0]
@@ -73,11 +74,11 @@ def _solve_line(A, H, g, step):
 
 
 @compiled
-def _solve_plane(A, H, g, at_bound, step):
-    """Fill ``step`` (2,) with the solution of (H + mu A) step = g.
+def _solve_two_parameters(A, H, g, at_bound, step):
+    """Fill ``step`` (2,) with the solution of (H + mu A) step = g, for the metric A and the Hessian H (2, 2).
 
-    mu is such that the least eigenvalue relative to A is |itself|. One at its bound keeps a row and column of A alone.
-    Where the metric is singular (a pole) it is made regular.
+    mu is such that the least eigenvalue relative to A is |itself|, at least LEAST_EIGENVALUE. A parameter that
+    ``at_bound`` (2,) holds keeps a row and column of A alone. Where the metric is singular (a pole) it is made regular.
     """
     free = not (at_bound[0] or at_bound[1])
     a, b, c = A[0, 0], A[0, 1] if free else 0.0, A[1, 1]
@@ -105,7 +106,7 @@ def _solve_plane(A, H, g, at_bound, step):
 
 @compiled
 def is_farther(q, p, x, size):
-    """Return which points ``q`` (n, d) are farther from ``x`` (n, d) than ``p`` (n, d) are, by more than rounding."""
+    """Return (n,) which ``q`` are farther from ``x`` than ``p`` (n, d), or NaN; ``size``, a length, judges rounding."""
     n, d = q.shape
     farther = np.empty(n, np.bool_)
     for row in range(n):
@@ -131,8 +132,8 @@ def point_distances(p, x):
 
 
 @compiled
-def nearest_of(query, distance, n):
-    """Return (n,) the row of the least ``distance`` (k,) of each ``query`` (k,), the first of several, NaN the last."""
+def nearest_rows(query, distance, n):
+    """Return (n,) the first row of least ``distance`` (k,), NaN the largest, of each ``query`` (k,); -1 for none."""
     best = np.full(n, -1)
     for row in range(len(query)):
         one = best[query[row]]

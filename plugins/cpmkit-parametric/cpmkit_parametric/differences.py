@@ -46,36 +46,38 @@ class Differences:
         step = PARAMETER_STEP_SHARE * (self.upper - self.lower)
         inside = np.clip(t, self.lower + DIFFERENCE_REACH * step, self.upper - DIFFERENCE_REACH * step)
         centre = np.where(self.periodic, t, inside)
-        along = [self._values(t, k, centre[:, k], step[k]) for k in range(t.shape[1])]
+        along = [self._values_along(t, k, centre[:, k], step[k]) for k in range(t.shape[1])]
         first = [
             np.einsum("nk,nkd->nd", _first_weights((t[:, k] - centre[:, k]) / step[k]), values) / step[k]
             for k, values in enumerate(along)
         ]
-        second = [self._second(centre, np.eye(t.shape[1])[k] * step) / step[k] ** 2 for k in range(t.shape[1])]
+        second = [
+            self._second_derivative(centre, np.eye(t.shape[1])[k] * step) / step[k] ** 2 for k in range(t.shape[1])
+        ]
         if len(second) == 2:
-            both = self._second(centre, step) / np.prod(step)
+            both = self._second_derivative(centre, step) / np.prod(step)
             ratio = step[0] / step[1]
             second.insert(1, 0.5 * (both - ratio * second[0] - second[1] / ratio))
         return [*first, *second]
 
-    def _values(self, t: Floats, k: int, centre: Floats, step: float) -> Floats:
-        """Return the nine values (n, 9, d) along parameter k."""
+    def _values_along(self, t: Floats, k: int, centre: Floats, step: float) -> Floats:
+        """Return nine values (n, 9, d) near ``t`` (n, m) along parameter k, ``step`` apart about ``centre`` (n,)."""
         nodes = np.repeat(t[:, None], len(DIFFERENCE_OFFSETS), axis=1)
         nodes[:, :, k] = centre[:, None] + step * DIFFERENCE_OFFSETS
-        return self._call(nodes)
+        return self._evaluate(nodes)
 
-    def _second(self, centre: Floats, direction: Floats) -> Floats:
-        """Return the second derivative (n, d) at ``centre`` by the step ``direction`` (m,)."""
-        values = self._call(centre[:, None] + DIFFERENCE_OFFSETS[:, None] * direction)
+    def _second_derivative(self, centre: Floats, direction: Floats) -> Floats:
+        """Return the second derivative (n, d) at ``centre`` (n, m) by multiples of the step ``direction`` (m,)."""
+        values = self._evaluate(centre[:, None] + DIFFERENCE_OFFSETS[:, None] * direction)
         return np.asarray(2 * np.einsum("k,nkd->nd", DIFFERENCE_COEFFICIENTS[2], values))
 
-    def _call(self, nodes: Floats) -> Floats:
+    def _evaluate(self, nodes: Floats) -> Floats:
         values = np.asarray(self.function(*nodes.reshape(-1, nodes.shape[-1]).T), dtype=np.float64)
         return np.asarray(values.reshape(*nodes.shape[:-1], values.shape[-1]))
 
 
 def _first_weights(s: Floats) -> Floats:
-    """Return the weights (n, 9) of the interpolant's derivative at ``s`` steps from the centre."""
+    """Return the weights (n, 9) of the interpolant's derivative by steps, at ``s`` (n,) steps from the centre."""
     powers = np.zeros((len(s), len(DIFFERENCE_OFFSETS)))
     powers[:, 1] = 1.0
     for k in range(2, len(DIFFERENCE_OFFSETS)):

@@ -37,23 +37,23 @@ class Domain:
     flip: bool = False
     poles: Bools | None = None
 
-    def start(self, s: Floats) -> Floats:
-        """Return unit parameters (n, m) in the domain and off its poles."""
-        s = self.inside(s)
+    def move_off_poles(self, s: Floats) -> Floats:
+        """Return unit parameters ``s`` (n, m), wrapped or cut at the bounds, and at least 1e-4 away from poles."""
+        s = self.wrap_parameters(s)
         if self.poles is None:
             return s
         return np.clip(s, LEAST_POLE_DISTANCE * self.poles[:, 0], 1 - LEAST_POLE_DISTANCE * self.poles[:, 1])
 
     def advance_parameters(self, s: Floats, step: Floats) -> Floats:
-        """Return parameters (n, m) after ``step`` (n, m) from ``s``: wrapped, cut at bounds, or short of poles."""
+        """Return unit parameters after ``step`` from ``s``, all (n, m): wrapped, cut at bounds, or short of poles."""
         from cpmkit_parametric import unit_kernels
 
         poles = np.zeros((len(self.periodic), 2), dtype=np.bool_) if self.poles is None else self.poles
         moved: Floats = unit_kernels.advance_parameters(s, step, self.periodic, self.flip, poles, MOST_POLE_STEP_SHARE)
         return moved
 
-    def inside(self, s: Floats) -> Floats:
-        """Return unit parameters (n, m), from anywhere, where the domain has them: wrapped, or cut at the bounds."""
+    def wrap_parameters(self, s: Floats) -> Floats:
+        """Return parameters ``s`` (n, m) from anywhere in the domain: wrapped, and flipped, or cut at the bounds."""
         wrapped = np.where(self.periodic, s - np.floor(s), np.clip(s, 0.0, 1.0))
         if self.flip:
             odd = np.floor(s[:, 0]) % 2 == 1
@@ -68,19 +68,19 @@ class Domain:
         return np.where(~self.periodic & (s > 1 - AT_BOUND_SHARE), 1.0, s)
 
     def neighbours(self, shape: tuple[int, ...]) -> Ints:
-        """Return the numbers (cells, 3^m - 1) of the cells around each cell of a grid; itself where there is none."""
+        """Return the numbers (cells, 3^m - 1), in C order, of the cells around each; itself where there is none."""
         cells = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1)
         offsets = np.stack(np.meshgrid(*[[0, 1, -1]] * len(shape), indexing="ij"), axis=-1).reshape(-1, len(shape))[1:]
         around = (cells[:, None] + offsets).reshape(-1, len(shape))
         centres = (around + 0.5) / shape
-        indices = np.floor(self.inside(centres) * shape).astype(np.int64)
+        indices = np.floor(self.wrap_parameters(centres) * shape).astype(np.int64)
         beyond = ((around < 0) | (around >= shape)) & ~self.periodic
         from_cells = np.repeat(cells, len(offsets), axis=0)
         indices = np.where(beyond.any(axis=1)[:, None], from_cells, np.minimum(indices, np.array(shape) - 1))
         return np.asarray(np.ravel_multi_index(tuple(indices.T), shape).reshape(len(cells), -1), dtype=np.int64)
 
     def ends(self, shape: tuple[int, ...]) -> Floats:
-        """Return (cells, m): 0 or 1 where a cell of a grid touches that end of a bounded parameter, else NaN."""
+        """Return (cells, m): 0 or 1 where a cell touches that end of a bounded parameter but no pole, else NaN."""
         cells = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1)
         ends = np.where(cells == 0, 0.0, np.where(cells == np.array(shape) - 1, 1.0, np.nan))
         ends = np.where(self.periodic, np.nan, ends)
@@ -91,7 +91,7 @@ class Domain:
 
 
 def side_points(map: UnitMap, axis: int, end: float) -> Floats:
-    """Return points (k, d) along the side where the parameter ``axis`` is ``end``, 0 or 1."""
+    """Return points (65, 3), of a curve (1, d), where parameter ``axis`` is ``end``, 0 or 1, in order of the other."""
     s = np.full((SIDE_SAMPLES if map.count == 2 else 1, map.count), end)
     if map.count == 2:
         s[:, 1 - axis] = np.linspace(0, 1, SIDE_SAMPLES)
@@ -99,7 +99,7 @@ def side_points(map: UnitMap, axis: int, end: float) -> Floats:
 
 
 def check_gluing(map: UnitMap, domain: Domain, names: str, size: float) -> None:
-    """Raise InputError, with the largest gap, if the images of ends that ``domain`` glues do not meet.
+    """Raise InputError, with the largest gap, if ends that ``domain`` glues are more than 1e-9 of ``size`` apart.
 
     ``names`` are the parameters' letters, ``size`` is the diagonal of the image's box.
     """
@@ -123,7 +123,8 @@ class Sides:
     Attributes
     ----------
     loops : (m, 2) int64
-        Number of the edge loop (or curve end) at the start and end of each parameter; -1: no edge.
+        Number of the edge loop (or curve end) at the start and end of each parameter; -1: no edge. Of two loops, 0 is
+        the longer.
     collapsed : (m, 2) bool
         Sides that the map sends to one point, like the poles of a sphere.
     """
@@ -132,7 +133,7 @@ class Sides:
     collapsed: Bools
 
     def edge(self, s: Floats) -> Ints:
-        """Return the edge (n,) on which unit parameters lie, -1 inside."""
+        """Return the number (n,) of the edge on which unit parameters ``s`` (n, m) lie, exactly 0 or 1; -1 inside."""
         edge = np.full(len(s), -1)
         for axis in range(s.shape[1]):
             for end in (0, 1):
@@ -140,8 +141,8 @@ class Sides:
                 edge[at] = np.maximum(edge[at], self.loops[axis, end])
         return edge.astype(np.int64)
 
-    def at_pole(self, s: Floats) -> Bools:
-        """Return True (n,) for unit parameters on a collapsed side."""
+    def on_pole(self, s: Floats) -> Bools:
+        """Return (n,) whether unit parameters ``s`` (n, m) lie exactly on a collapsed side."""
         pole = np.zeros(len(s), dtype=np.bool_)
         for axis, end in np.argwhere(self.collapsed):
             pole |= s[:, axis] == end
@@ -149,15 +150,15 @@ class Sides:
 
 
 def find_sides(map: UnitMap, domain: Domain, size: float) -> Sides:
-    """Return the edge loops at the ends of parameters, by decreasing length (of a curve its ends 0, 1), and poles.
+    """Return the poles and the edge loops at the ends of parameters: of a curve its ends 0, 1.
 
-    A side whose image is no longer than 1e-9 of ``size``, the diagonal of the whole image's box, is a pole. Two
-    bounded parameters have one loop, 0, and so has a flipped ``domain``.
+    A side whose image is no longer than 1e-9 of ``size``, the diagonal of the whole image's box, is a pole. Of one
+    bounded parameter the longer side is loop 0, the other 1. Two have one loop, 0, and so has a flipped ``domain``.
     """
     if map.count == 1:
         ends = np.array([[-1, -1]] if domain.periodic[0] else [[0, 1]], dtype=np.int64)
         return Sides(ends, np.zeros((1, 2), dtype=np.bool_))
-    lengths = np.array([[_length(side_points(map, axis, end)) for end in (0.0, 1.0)] for axis in (0, 1)])
+    lengths = np.array([[_polyline_length(side_points(map, axis, end)) for end in (0.0, 1.0)] for axis in (0, 1)])
     collapsed = (lengths <= GLUED_ENDS_SHARE * size) & ~domain.periodic[:, None]
     open_sides = ~domain.periodic[:, None] & ~collapsed
     loops = np.where(open_sides, 0, -1)
@@ -167,5 +168,5 @@ def find_sides(map: UnitMap, domain: Domain, size: float) -> Sides:
     return Sides(loops.astype(np.int64), collapsed)
 
 
-def _length(points: Floats) -> float:
+def _polyline_length(points: Floats) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

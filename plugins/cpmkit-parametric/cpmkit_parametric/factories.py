@@ -16,8 +16,8 @@ from cpmkit.plugin import Bools, Floats, InputError, as_vector, formula_tree, sh
 from cpmkit_parametric.cells import build_tree
 from cpmkit_parametric.differences import Differences
 from cpmkit_parametric.domain import Domain, check_gluing, find_sides
-from cpmkit_parametric.formulas import constant, formula_map
-from cpmkit_parametric.maps import CallableMap, Map, UnitMap, as_columns
+from cpmkit_parametric.formulas import evaluate_constant, formula_map
+from cpmkit_parametric.maps import CallableMap, Map, UnitMap, as_coordinates
 from cpmkit_parametric.sources import Curve, OrientedSurface, Parametric, PlaneCurve, Surface
 
 Formulas = Sequence[str] | Callable[..., Any]
@@ -28,7 +28,7 @@ DERIVATIVE_MISMATCH_SHARE = 1e-4
 def curve(
     *, x: Formulas, range: Any, periodic: bool = False, derivatives: Any = None, translation: Any = None
 ) -> Curve:
-    """Return the curve x(t), t in ``range``.
+    """Return the curve x(t), t in ``range``; ``local`` of its feet is t, and its tangents point to growing t.
 
     Parameters
     ----------
@@ -39,16 +39,18 @@ def curve(
     periodic : bool
         The ends are one point.
     derivatives : callable, optional
-        ``derivatives(t)`` returns x' and x'', each (n, d), for a callable x. Without it they are differences.
+        ``derivatives(t)`` returns x' and x'', each (n, d), for a callable x. Without it they are differences, for which
+        a periodic x is called up to 0.4 percent beyond its range.
     translation : (d,) numbers, optional
 
     Raises
     ------
     InputError
-        If a key is not accepted, the map is not finite or constant, or periodic ends do not meet.
+        If a key is not accepted, the map is not finite or constant, periodic ends do not meet to 1e-9 of the size, or
+        derivatives differ from differences by 1e-4.
     """
     glued = [as_flag(periodic, "periodic")]
-    source = build(_map(x, "t", (2, 3), [range], glued, derivatives), "t", glued, translation=translation)
+    source = build_source(_build_map(x, "t", (2, 3), [range], glued, derivatives), "t", glued, translation=translation)
     assert isinstance(source, Curve)
     return source
 
@@ -64,7 +66,7 @@ def surface(
     derivatives: Any = None,
     translation: Any = None,
 ) -> Surface:
-    """Return the surface x(u, v).
+    """Return the surface x(u, v); ``local`` of its feet is (u, v), and its normals are along x_u x x_v.
 
     Parameters
     ----------
@@ -75,35 +77,39 @@ def surface(
     periodic_u, periodic_v : bool
         The two ends are one curve.
     glue_u : "straight" or "flip"
-        Flip: the ends of a periodic u are glued with v running backwards, as in a Moebius strip. The surface
-        then has one side, and no normals.
+        Flip: the ends of a periodic u are glued with v running backwards, as in a Moebius strip. The surface then has
+        one side, and no normals.
     derivatives : callable, optional
-        ``derivatives(u, v)`` returns x_u, x_v, x_uu, x_uv and x_vv, each (n, 3), for a callable x.
+        ``derivatives(u, v)`` returns x_u, x_v, x_uu, x_uv and x_vv, each (n, 3), for a callable x. Without it they are
+        differences, for which x is called up to 0.4 percent beyond a periodic range.
     translation : (3,) numbers, optional
 
     Raises
     ------
     InputError
-        If a key is not accepted, the map is not finite or constant, or periodic ends do not meet.
+        If a key is not accepted, the map is not finite or constant along a parameter, periodic ends do not meet to 1e-9
+        of the size, or derivatives differ from differences by 1e-4.
     """
     if glue_u not in ("straight", "flip") or (glue_u == "flip" and not periodic_u):
         raise InputError(f"glue_u must be 'straight', or 'flip' with periodic_u = true, got {shown(glue_u)}.")
     glued = [as_flag(periodic_u, "periodic_u"), as_flag(periodic_v, "periodic_v")]
-    source = build(_map(x, "uv", (3,), [u, v], glued, derivatives), "uv", glued, glue_u == "flip", translation)
+    source = build_source(
+        _build_map(x, "uv", (3,), [u, v], glued, derivatives), "uv", glued, glue_u == "flip", translation
+    )
     assert isinstance(source, Surface)
     return source
 
 
-def build(
+def build_source(
     map: UnitMap, names: str, periodic: Sequence[bool], flip: bool = False, translation: Any = None
 ) -> Parametric:
-    """Return the source of ``map``, a class with the abilities of its dimensions; ``flip`` glues u reversed.
+    """Return the source of ``map``, of a class with the abilities of its dimensions, moved by ``translation`` (d,).
 
-    ``names`` are the parameters' letters, ``periodic`` (m,) says which ends meet. Raise InputError if those do not, or
-    the map is not finite or constant.
+    ``names`` are the parameters' letters, ``periodic`` (m,) says whose ends are glued, ``flip`` that those of the first
+    are with the second reversed. Raise InputError if glued ends do not meet, or the map is not finite or constant.
     """
     domain = Domain(np.array(periodic), flip)
-    size = _check_map(map)
+    size = _image_diagonal(map)
     check_gluing(map, domain, names, size)
     shift = as_vector(np.zeros(map.dim) if translation is None else translation, map.dim, "translation")
     sides = find_sides(map, domain, size)
@@ -112,16 +118,20 @@ def build(
     return kinds[map.count](map, domain, sides, build_tree(map, domain), size, shift)
 
 
-def _map(
+def _build_map(
     x: Any, names: str, counts: tuple[int, ...], ranges: Sequence[Any], periodic: Sequence[bool], derivatives: Any
 ) -> UnitMap:
-    """Return the map of formulas or of a callable on its range."""
+    """Return the map of ``x``, formulas in the letters ``names`` or a callable, restated on [0, 1]^m.
+
+    ``counts`` are the accepted numbers of coordinates, ``ranges`` m pairs of numbers or constant formulas; ``periodic``
+    (m,) and ``derivatives``, callable or None, are for a callable x. Raise InputError for a value of another form.
+    """
     wanted = " or ".join(map(str, counts))
     lower, upper = np.array(
         [as_range(r, n if names == "uv" else "range") for r, n in zip(ranges, names, strict=True)]
     ).T
     if callable(x):
-        return UnitMap(_callable_map(x, lower, upper, np.array(periodic), derivatives, counts), lower, upper)
+        return UnitMap(_build_callable_map(x, lower, upper, np.array(periodic), derivatives, counts), lower, upper)
     if derivatives is not None:
         raise InputError("derivatives belong to a callable x; formulas are differentiated by themselves.")
     if isinstance(x, str) or not isinstance(x, Sequence) or len(x) not in counts or not _are_formulas(x):
@@ -133,11 +143,16 @@ def _are_formulas(x: Sequence[Any]) -> bool:
     return all(isinstance(text, (str, int, float)) and not isinstance(text, bool) for text in x)
 
 
-def _callable_map(
+def _build_callable_map(
     x: Callable[..., Any], lower: Floats, upper: Floats, periodic: Bools, derivatives: Any, counts: tuple[int, ...]
 ) -> Map:
+    """Return the map of the callable ``x`` of m arrays (n,), with ``derivatives``, or differences where this is None.
+
+    It is tried at seven parameters between ``lower`` and ``upper`` (m,). Raise InputError if a result has another
+    shape, ``counts`` lacks its number of coordinates, or ``derivatives`` differ from differences.
+    """
     probe = (lower + (upper - lower) * np.linspace(0.05, 0.95, 7)[:, None]).T
-    dim = as_columns(x(*probe), probe.shape[1], counts[0] if len(counts) == 1 else None, "x").shape[1]
+    dim = as_coordinates(x(*probe), probe.shape[1], counts[0] if len(counts) == 1 else None, "x").shape[1]
     if dim not in counts:
         raise InputError(f"x must return 2 or 3 coordinates, got {dim}.")
     differences = CallableMap(dim, len(lower), x, Differences(x, lower, upper, periodic))
@@ -151,6 +166,7 @@ def _callable_map(
 
 
 def _check_derivatives(exact: Any, differences: Any, width: Floats) -> None:
+    """Raise InputError if derivatives of two jets differ by 1e-4 of the largest; ``width`` (m,) are the ranges."""
     scales = (width[:, None], (width[:, None] * width)[..., None])
     for order, scale, a, b in zip(("first", "second"), scales, exact[1:], differences[1:], strict=True):
         apart, largest = np.abs((a - b) * scale).max(), np.abs(b * scale).max()
@@ -172,9 +188,9 @@ def as_range(value: Any, label: str) -> tuple[float, float]:
 
 
 def as_number(value: Any, label: str) -> float:
-    """Return a number, or the value of a constant formula such as ``"2*pi"``; raise InputError if it is neither."""
+    """Return a number or the finite value of a constant formula like ``"2*pi"``; raise InputError for anything else."""
     if isinstance(value, str):
-        number = constant(value, label)
+        number = evaluate_constant(value, label)
         if not np.isfinite(number):
             raise InputError(f"{label} must hold finite numbers, got {shown(value)}, which is {number:g}.")
         return number
@@ -193,10 +209,10 @@ def as_flag(value: Any, label: str) -> bool:
     return bool(value)
 
 
-def _check_map(map: UnitMap) -> float:
-    """Return the diagonal of the image's box.
+def _image_diagonal(map: UnitMap) -> float:
+    """Return the diagonal of the box of the image, measured at 513 parameters of a curve or 65 by 65 of a surface.
 
-    Raise InputError if the map is not finite, or constant along a parameter.
+    Raise InputError if the map is not finite there, or constant along a parameter.
     """
     count = {1: 513, 2: 65}[map.count]
     s = np.stack(np.meshgrid(*[np.linspace(0, 1, count)] * map.count, indexing="ij"), axis=-1)

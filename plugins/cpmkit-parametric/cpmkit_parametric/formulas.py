@@ -38,7 +38,7 @@ class FormulaMap:
         """Return points (n, d), derivatives (n, m, d) and second derivatives (n, m, m, d) at ``t`` (n, m)."""
         from cpmkit_parametric import unit_kernels
 
-        p, J, H = unit_kernels.jet_of_rows(self.jets.rows(2, t.T), self.count, self.dim)
+        p, J, H = unit_kernels.unpack_jets(self.jets.rows(2, t.T), self.count, self.dim)
         return p, J, H
 
 
@@ -50,13 +50,13 @@ def formula_map(x: Sequence[ast.expr], names: Sequence[str]) -> FormulaMap:
     return FormulaMap(len(x), len(names), formula_jets(x, names, "x"))
 
 
-def symmetric(upper: Floats, count: int) -> Floats:
-    """Return (n, m, m, d) from the upper triangle (n, m (m + 1) / 2, d), row by row."""
+def symmetric_derivatives(upper: Floats, count: int) -> Floats:
+    """Return (n, m, m, d) from the upper triangle (n, m (m + 1) / 2, d), row by row; ``count`` is m, 1 or 2."""
     place = {1: [[0]], 2: [[0, 1], [1, 2]]}[count]
     return np.ascontiguousarray(upper[:, place])
 
 
-def constant(text: str, label: str) -> float:
+def evaluate_constant(text: str, label: str) -> float:
     """Return the value of a formula without variables; infinite or NaN where it has none.
 
     Raise SceneError if it does not parse, or uses what is not offered; ``label`` names it.

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError
-from cpmkit_parametric.formulas import Jet, symmetric
+from cpmkit_parametric.formulas import Jet, symmetric_derivatives
 
 #: Samples by which arcs of a curve are measured, and lines along each parameter by which a surface is.
 ARC_LENGTH_SAMPLES, GRID_LINES = 1025, 129
@@ -56,7 +56,7 @@ class CallableMap:
     def value(self, t: Floats, /) -> Floats:
         """Return the points (n, d) at parameters (n, m)."""
         with np.errstate(all="ignore"):
-            return as_columns(self.function(*t.T), len(t), self.dim, "x")
+            return as_coordinates(self.function(*t.T), len(t), self.dim, "x")
 
     def jet(self, t: Floats, /) -> Jet:
         """Return points (n, d), derivatives (n, m, d) and second derivatives (n, m, m, d) at ``t`` (n, m).
@@ -69,13 +69,13 @@ class CallableMap:
         if len(derivatives) != wanted:
             names = {2: "x', x''", 5: "x_u, x_v, x_uu, x_uv, x_vv"}[wanted]
             raise InputError(f"derivatives must return the {wanted} arrays {names}, got {len(derivatives)}.")
-        parts = [as_columns(part, len(t), self.dim, "derivatives") for part in derivatives]
+        parts = [as_coordinates(part, len(t), self.dim, "derivatives") for part in derivatives]
         upper = np.stack(parts[self.count :], axis=1)
-        return self.value(t), np.stack(parts[: self.count], axis=1), symmetric(upper, self.count)
+        return self.value(t), np.stack(parts[: self.count], axis=1), symmetric_derivatives(upper, self.count)
 
 
-def as_columns(values: Any, n: int, dim: int | None, label: str) -> Floats:
-    """Return the result of a callable as (n, d) float64; raise InputError if its shape is another."""
+def as_coordinates(values: Any, n: int, dim: int | None, label: str) -> Floats:
+    """Return a callable's result as (n, dim) float64, for None of any d; raise InputError if it has another shape."""
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -112,15 +112,15 @@ class UnitMap:
         return self.map.count
 
     @cached_property
-    def arc(self) -> tuple[Floats, Floats]:
-        """Unit parameters of a curve, and the lengths of the arcs up to there, which no spacing changes."""
+    def arc_lengths(self) -> tuple[Floats, Floats]:
+        """1025 unit parameters of a curve, 0 to 1, and the lengths of its arcs up to there."""
         s = np.linspace(0, 1, ARC_LENGTH_SAMPLES)
         steps = np.linalg.norm(np.diff(self.value(s[:, None]), axis=0), axis=1)
         return s, np.concatenate([[0.0], np.cumsum(steps)])
 
     @cached_property
-    def fastest(self) -> tuple[float, ...]:
-        """By parameter of a surface, the greatest length of a line per unit of it, measured on a grid."""
+    def largest_speeds(self) -> tuple[float, ...]:
+        """The largest |x_u| and |x_v| of a surface, lengths per unit parameter, on a grid of 129 by 129 points."""
         s = np.linspace(0, 1, GRID_LINES)
         u, v = np.meshgrid(s, s, indexing="ij")
         points = self.value(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(GRID_LINES, GRID_LINES, -1)
@@ -128,14 +128,14 @@ class UnitMap:
         return tuple(float((GRID_LINES - 1) * step) for step in steps)
 
     def user_parameters(self, s: Floats, /) -> Floats:
-        """Return the user's parameters (n, m) of unit parameters; a bound is met exactly."""
+        """Return the user's parameters (n, m) of unit parameters ``s`` (n, m); a bound is met exactly."""
         from cpmkit_parametric import unit_kernels
 
         found: Floats = unit_kernels.user_parameters(s, self.lower, self.upper)
         return found
 
     def unit_parameters(self, t: Floats, /) -> Floats:
-        """Return the unit parameters (n, m) of the user's."""
+        """Return the unit parameters (n, m) of the user's ``t`` (n, m)."""
         return np.asarray((t - self.lower) / (self.upper - self.lower))
 
     def value(self, s: Floats, /) -> Floats:
@@ -143,8 +143,8 @@ class UnitMap:
         return self.map.value(self.user_parameters(s))
 
     def jet(self, s: Floats, /) -> Jet:
-        """Return points (n, d) and derivatives (n, m, d), (n, m, m, d) at unit parameters; not finite ones become 0."""
+        """Return points (n, d), derivatives (n, m, d), (n, m, m, d) by unit parameters ``s``, 0 if not finite."""
         from cpmkit_parametric import unit_kernels
 
         p, J, H = self.map.jet(self.user_parameters(s))
-        return p, *unit_kernels.by_unit_parameters(J, H, self.upper - self.lower)
+        return p, *unit_kernels.scale_derivatives(J, H, self.upper - self.lower)

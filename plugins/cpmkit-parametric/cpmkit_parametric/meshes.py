@@ -10,8 +10,8 @@ from cpmkit_parametric.maps import UnitMap
 
 
 def curve_mesh(map: UnitMap, domain: Domain, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, d) at equal arc lengths, about ``spacing``, and segments (m, 2) in order of travel."""
-    s, arc = map.arc
+    """Return vertices (v, d) on the curve and segments (m, 2) of equal arcs up to ``spacing``, in order of travel."""
+    s, arc = map.arc_lengths
     closed = bool(domain.periodic[0])
     count = max(int(np.ceil(arc[-1] / spacing)), 3 if closed else 1)
     at = np.interp(np.linspace(0, arc[-1], count + 1), arc, s)
@@ -23,12 +23,12 @@ def curve_mesh(map: UnitMap, domain: Domain, spacing: float) -> tuple[Floats, In
 
 
 def surface_mesh(map: UnitMap, domain: Domain, sides: Sides, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 3) and triangles (m, 3) of about ``spacing``, wound along x_u x x_v if two-sided."""
+    """Return vertices (v, 3) and triangles (m, 3), along x_u x x_v if two-sided, of legs up to about ``spacing``."""
     least = np.where(domain.periodic, 3, 1 + sides.collapsed.all(axis=1))
-    counts = [_intervals(map, axis, spacing, int(least[axis])) for axis in (0, 1)]
+    counts = [_count_intervals(map, axis, spacing, int(least[axis])) for axis in (0, 1)]
     n, m = counts
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(n + 1), np.arange(m + 1), indexing="ij"))
-    number = _glue_vertices(i, j, counts, domain, sides).reshape(n + 1, m + 1)
+    number = _vertex_numbers(i, j, counts, domain, sides).reshape(n + 1, m + 1)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
     triangles = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
     ordered = np.sort(triangles, axis=1)
@@ -38,8 +38,8 @@ def surface_mesh(map: UnitMap, domain: Domain, sides: Sides, spacing: float) -> 
     return vertices, triangles.reshape(-1, 3).astype(np.int64)
 
 
-def _glue_vertices(i: Ints, j: Ints, counts: list[int], domain: Domain, sides: Sides) -> Ints:
-    """Return the number of the vertex that stands for each corner (i, j) of the grid."""
+def _vertex_numbers(i: Ints, j: Ints, counts: list[int], domain: Domain, sides: Sides) -> Ints:
+    """Return the number (k,) of the vertex that stands for each corner ``i``, ``j`` (k,) of ``counts`` cells."""
     n, m = counts
     if domain.periodic[0]:
         across = i == n
@@ -53,6 +53,6 @@ def _glue_vertices(i: Ints, j: Ints, counts: list[int], domain: Domain, sides: S
     return i * (m + 1) + j
 
 
-def _intervals(map: UnitMap, axis: int, spacing: float, least: int) -> int:
-    """Return into how many intervals a parameter is cut for its longest line to have edges of ``spacing``."""
-    return max(int(np.ceil(map.fastest[axis] / spacing)), least)
+def _count_intervals(map: UnitMap, axis: int, spacing: float, least: int) -> int:
+    """Return the number, at least ``least``, of intervals of a parameter whose images are up to ``spacing`` long."""
+    return max(int(np.ceil(map.largest_speeds[axis] / spacing)), least)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import InputError, as_vector, formula_tree, positive, shown, whole
-from cpmkit_parametric.factories import as_flag, as_range, build, curve, surface
+from cpmkit_parametric.factories import as_flag, as_range, build_source, curve, surface
 from cpmkit_parametric.formulas import formula_map
 from cpmkit_parametric.maps import Map, UnitMap
 from cpmkit_parametric.sources import Curve, OrientedSurface, Surface
@@ -21,20 +21,22 @@ MOST_WINDINGS = 1000
 
 
 def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, translation: Any = None) -> Curve:
-    """Return the knot that winds ``a`` times about the axis and ``b`` times about the core of a torus.
+    """Return the knot that winds ``a`` times about the axis and ``b`` times about the core of a torus, t in [0, 2 pi].
 
-    King et al. (2024), eq. 21, where ``major`` is 3 and ``minor`` 1. The trefoil is a = 2, b = 3.
+    King et al. (2024), eq. 21, where ``major`` is 3 and ``minor`` 1. The trefoil is a = 2, b = 3. Raise InputError if a
+    value is not as stated, or a and b share a factor.
 
     Parameters
     ----------
     a : whole number
-        How many times it winds about the axis.
+        How many times it winds about the axis, the z axis, up to 1000.
     b : whole number
-        How many times it winds about the core.
+        How many times it winds about the core, up to 1000.
     major : number
         Radius of the circle in the middle of the torus.
     minor : number
-        Radius of the torus's tube.
+        Radius of the torus's tube, above zero and smaller than ``major``.
+    translation : (3,) numbers, optional
     """
     a, b = whole(a, "a", 1, MOST_WINDINGS), whole(b, "b", 1, MOST_WINDINGS)
     if gcd(a, b) != 1:
@@ -54,6 +56,8 @@ def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, tr
 def helix(*, radius: Any = 1.0, pitch: Any = 1.0, turns: Any = 2.0, translation: Any = None) -> Curve:
     """Return the helix about the z axis that starts at (radius, 0, 0) and rises by ``pitch`` a turn; t is the angle.
 
+    Raise InputError if a number is not above zero.
+
     Parameters
     ----------
     radius : number
@@ -61,7 +65,8 @@ def helix(*, radius: Any = 1.0, pitch: Any = 1.0, turns: Any = 2.0, translation:
     pitch : number
         How far it climbs in a turn.
     turns : number
-        How many turns it has.
+        How many turns it has, counterclockwise seen from above.
+    translation : (3,) numbers, optional
     """
     rise = positive(pitch, "pitch") / (2 * np.pi)
     r, end = positive(radius, "radius"), 2 * np.pi * positive(turns, "turns")
@@ -71,14 +76,18 @@ def helix(*, radius: Any = 1.0, pitch: Any = 1.0, turns: Any = 2.0, translation:
 def planar_curve(*, a: Any = 3, b: Any = 4, c: Any = -0.5, translation: Any = None) -> Curve:
     """Return the closed diffusion curve in the plane of King et al. (2024), eq. 22: (v cos t + c, v sin t + c).
 
+    There v = (cos t ((a + b) / 2 + sin a t + sin b t) + (a + b) / 2) / (a + b), t in [0, 2 pi]. Raise InputError if a
+    value is not as stated.
+
     Parameters
     ----------
     a : whole number
-        The first frequency of its lobes.
+        The first frequency of its lobes, from 1 to 1000.
     b : whole number
-        The second frequency of its lobes.
+        The second frequency of its lobes, from 1 to 1000.
     c : number
         Added to both coordinates.
+    translation : (2,) numbers, optional
     """
     a, b = whole(a, "a", 1, MOST_WINDINGS), whole(b, "b", 1, MOST_WINDINGS)
     shift = float(as_vector([c], 1, "c")[0])
@@ -96,12 +105,15 @@ def revolution(
 ) -> OrientedSurface:
     """Return the surface that a profile sweeps about the z axis; u is the angle and v the profile's t.
 
+    Normals point away from the axis where the height grows with t. Raise InputError if a value is not as stated, the
+    distance is negative, or the ends of a periodic profile do not meet.
+
     Parameters
     ----------
     profile : 2 formulas in t
         Distance from the axis, and height.
     range : two numbers
-        Of t.
+        Of t, or constant formulas such as ``"2*pi"``.
     periodic : bool
         The profile is closed, as a torus's.
     translation : (3,) numbers, optional
@@ -114,7 +126,7 @@ def revolution(
     swept = formula_map([_times(radius, "cos(u)"), _times(radius, "sin(u)"), height], ("u", "t"))
     glued = [True, as_flag(periodic, "periodic")]
     unit = UnitMap(swept, np.array([0.0, start]), np.array([2 * np.pi, end]))
-    source = build(unit, "ut", glued, translation=translation)
+    source = build_source(unit, "ut", glued, translation=translation)
     assert isinstance(source, OrientedSurface)
     return source
 
@@ -122,12 +134,15 @@ def revolution(
 def moebius(*, radius: Any = 1.0, half_width: Any = 0.35, translation: Any = None) -> Surface:
     """Return the Moebius strip about a core circle; u is the angle, v from -half_width to half_width.
 
+    Raise InputError if a number is not as stated.
+
     Parameters
     ----------
     radius : number
-        Of the circle in the middle of the strip.
+        Of the circle in the middle of the strip, about the z axis, above zero.
     half_width : number
-        Half the width of the strip.
+        Half the width of the strip, above zero and below ``radius``.
+    translation : (3,) numbers, optional
     """
     R, w = positive(radius, "radius"), positive(half_width, "half_width")
     if w >= R:
@@ -146,15 +161,17 @@ def moebius(*, radius: Any = 1.0, half_width: Any = 0.35, translation: Any = Non
 def klein(*, radius: Any = 2.0, width: Any = 1.0, translation: Any = None) -> Surface:
     """Return the figure-eight immersion of the Klein bottle: a figure eight of ``width`` that makes half a turn.
 
-    It crosses itself along the circle of ``radius``. Closest points know only the set of points in space, on
-    which the two sheets meet there.
+    With the angle u about z, the figure eight (width sin v, width sin 2v), turned by u / 2, is moved along a circle; u
+    and v are in [0, 2 pi]. It crosses itself along the circle. Closest points know only the set of points in space, on
+    which the two sheets meet there. It has no normals. Raise InputError if a number is not as stated.
 
     Parameters
     ----------
     radius : number
-        Of the circle along which the figure of eight moves.
+        Of the circle along which the figure of eight moves, above zero.
     width : number
-        Size of the figure of eight.
+        Size of the figure of eight, above zero and below ``radius``.
+    translation : (3,) numbers, optional
     """
     R, w = positive(radius, "radius"), positive(width, "width")
     if w >= R:

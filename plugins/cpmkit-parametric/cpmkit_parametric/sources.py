@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.plugin import ClosestPoints, Floats, Ints, as_points, as_vector, positive, source_repr
 from cpmkit_parametric.cells import CellTree
-from cpmkit_parametric.descent import descend
+from cpmkit_parametric.descent import minimize_distance
 from cpmkit_parametric.domain import Domain, Sides
 from cpmkit_parametric.maps import UnitMap
 from cpmkit_parametric.meshes import curve_mesh, surface_mesh
@@ -80,35 +80,36 @@ class Parametric:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d); ``local`` holds the user's parameters (n, m).
 
-        Feet are ``doubtful`` without convergence or where the image crosses itself. Raise InputError if ``x`` holds NaN
-        or infinity, or its shape is not (n, d).
+        ``edge`` is 0 or 1 at the start or end of a curve, the loop's number, as in :class:`Sides`, on the edge of a
+        surface. Feet are ``doubtful`` without convergence or where the image crosses itself. Raise InputError if ``x``
+        holds NaN or infinity, or its shape is not (n, d).
         """
         queries = as_points(x, self.dim) - self.shift
         if len(queries) <= PARAMETRIC_PARCEL_QUERIES:
-            return self._search(queries)
+            return self._find_feet(queries)
         starts = range(0, len(queries), PARAMETRIC_PARCEL_QUERIES)
         return ClosestPoints.join(
-            [self._search(queries[start : start + PARAMETRIC_PARCEL_QUERIES]) for start in starts]
+            [self._find_feet(queries[start : start + PARAMETRIC_PARCEL_QUERIES]) for start in starts]
         )
 
     def translate(self: Own, offset: Floats, /) -> Own:
-        """Return the same image moved by ``offset`` (d,); the shift alone is rounded, once."""
+        """Return the same image moved by ``offset``, (d,) finite numbers; the shift alone is rounded, once."""
         return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
 
-    def _search(self, x: Floats) -> ClosestPoints:
-        """Return the nearest end of the descents from all starts for each of ``x`` (n, d), as records."""
-        from cpmkit_parametric.descent_kernels import nearest_of, point_distances
+    def _find_feet(self, x: Floats) -> ClosestPoints:
+        """Return the closest points of ``x`` (n, d), given relative to the shift: the nearest ends of the descents."""
+        from cpmkit_parametric.descent_kernels import nearest_rows, point_distances
 
-        starts = self.tree.starts(x)
+        starts = self.tree.descent_starts(x)
         longest = 2.0 / np.array(self.tree.finest.shape)
         target = x[starts.query]
-        ends = descend(self.map, self.domain, target, starts.parameters, longest, self.size)
+        ends = minimize_distance(self.map, self.domain, target, starts.parameters, longest, self.size)
         s = self.domain.snap_to_bounds(ends.parameters)
         points = self.map.value(s)
         distance = point_distances(points, target)
-        best = nearest_of(starts.query, distance, len(x))
+        best = nearest_rows(starts.query, distance, len(x))
         doubtful = ~ends.converged[best]
-        doubtful[self._crossings(starts.query, s, points, best)] = True
+        doubtful[self._crossing_queries(starts.query, s, points, best)] = True
         return ClosestPoints(
             points[best] + self.shift,
             distance[best],
@@ -117,14 +118,18 @@ class Parametric:
             doubtful=doubtful,
         )
 
-    def _crossings(self, query: Ints, s: Floats, points: Floats, best: Ints) -> Ints:
-        """Return the queries that have their foot where the image crosses itself: its sheet is not decided."""
+    def _crossing_queries(self, query: Ints, s: Floats, points: Floats, best: Ints) -> Ints:
+        """Return the queries (k,), with repetitions, whose foot is where two sheets of the image cross.
+
+        The end of the descent for ``query`` (r,) has unit parameters ``s`` (r, m) and ``points`` (r, d); ``best`` (n,)
+        are the rows of the feet.
+        """
         other = best[query]
         apart = np.abs(s - s[other])
         apart = np.where(self.domain.periodic, np.minimum(apart, 1 - apart), apart)
         coincide = np.linalg.norm(points - points[other], axis=1) <= COINCIDENT_FEET_SHARE * self.size
         rows = np.flatnonzero(coincide & (apart.max(axis=1) > TWO_FEET_SHARE))
-        pole = self.sides.at_pole(s[rows]) | self.sides.at_pole(s[other[rows]])
+        pole = self.sides.on_pole(s[rows]) | self.sides.on_pole(s[other[rows]])
         rows = rows[~pole]
         if not len(rows):
             return rows
@@ -132,7 +137,7 @@ class Parametric:
         crossing = np.abs(planes[0] - planes[1]).max(axis=(1, 2), initial=0.0) > TWO_FEET_SHARE
         return np.asarray(query[rows[crossing]])
 
-    def _unit(self, feet: ClosestPoints) -> Floats:
+    def _unit_parameters(self, feet: ClosestPoints) -> Floats:
         """Return the unit parameters (n, m) of ``feet``."""
         assert feet.local is not None
         return self.map.unit_parameters(feet.local)
@@ -142,20 +147,20 @@ class Curve(Parametric):
     """A curve with tangents."""
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit tangents (n, d) in the direction of growing t; where x' is zero, along the chord."""
-        s = self._unit(feet)
+        """Return unit tangents (n, d) at ``feet`` in the direction of growing t; where x' is zero, along the chord."""
+        s = self._unit_parameters(feet)
         along = self.map.jet(s)[1][:, 0]
         resting = np.linalg.norm(along, axis=1) < VANISHING_DERIVATIVE_SHARE * self.size
         if resting.any():
             ahead, behind = (
-                self.map.value(self.domain.inside(s[resting] + step))
+                self.map.value(self.domain.wrap_parameters(s[resting] + step))
                 for step in (ASIDE_RANGE_SHARE, -ASIDE_RANGE_SHARE)
             )
             along[resting] = ahead - behind
         return _unit_vectors(along)
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) on the curve and segments (m, 2) of about ``spacing``."""
+        """Return vertices (v, d) and segments (m, 2) in order of growing t, of equal arcs up to ``spacing`` > 0."""
         vertices, cells = curve_mesh(self.map, self.domain, positive(spacing, "spacing"))
         return vertices + self.shift, cells
 
@@ -164,7 +169,7 @@ class PlaneCurve(Curve):
     """A curve in the plane, with normals and tangents."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit normals (n, 2) at the right hand of travel: outside of a counterclockwise curve."""
+        """Return unit normals (n, 2) at ``feet``, at the right hand of growing t: outside if counterclockwise."""
         tangents = self.tangents(feet)
         return np.stack([tangents[:, 1], -tangents[:, 0]], axis=1)
 
@@ -173,7 +178,7 @@ class Surface(Parametric):
     """A surface that may be one-sided and has no normals."""
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, 3) on the surface and triangles (m, 3) of about ``spacing``, closed where it is glued."""
+        """Return vertices (v, 3) and triangles (m, 3), along x_u x x_v if two-sided, of legs up to ``spacing`` > 0."""
         vertices, cells = surface_mesh(self.map, self.domain, self.sides, positive(spacing, "spacing"))
         return vertices + self.shift, cells
 
@@ -182,20 +187,20 @@ class OrientedSurface(Surface):
     """A surface with two sides."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit normals (n, 3) along x_u x x_v; at a pole, the mean around it."""
-        s = self._unit(feet)
-        normals = self._across(s)
+        """Return the unit normals (n, 3) at ``feet`` along x_u x x_v; at a pole, the mean around it."""
+        s = self._unit_parameters(feet)
+        normals = self._cross_products(s)
         poles = np.linalg.norm(normals, axis=1) < VANISHING_DERIVATIVE_SHARE * self.size**2
         if poles.any():
-            normals[poles] = self._around(s[poles])
+            normals[poles] = self._pole_normals(s[poles])
         return _unit_vectors(normals)
 
-    def _across(self, s: Floats) -> Floats:
+    def _cross_products(self, s: Floats) -> Floats:
         J = self.map.jet(s)[1]
         return np.asarray(np.cross(J[:, 0], J[:, 1]))
 
-    def _around(self, s: Floats) -> Floats:
-        """Return the sum (k, 3) of x_u x x_v over parameters just aside of a pole, at the same turns everywhere."""
+    def _pole_normals(self, s: Floats) -> Floats:
+        """Return the sum (k, 3) of x_u x x_v around each of ``s`` (k, 2) at a pole; at others, just inside of it."""
         total = np.zeros((len(s), 3))
         for axis in (0, 1):
             if not self.sides.collapsed[axis].any():
@@ -204,11 +209,11 @@ class OrientedSurface(Surface):
             for turn in np.arange(8) / 8:
                 beside[:, 1 - axis] = turn
                 at = self.sides.collapsed[axis][(s[:, axis] > 0.5).astype(int)]
-                total += np.where(at[:, None], self._across(beside), 0.0)
+                total += np.where(at[:, None], self._cross_products(beside), 0.0)
         return np.where(
             np.any(total != 0, axis=1)[:, None],
             total,
-            self._across(np.clip(s, ASIDE_RANGE_SHARE, 1 - ASIDE_RANGE_SHARE)),
+            self._cross_products(np.clip(s, ASIDE_RANGE_SHARE, 1 - ASIDE_RANGE_SHARE)),
         )
 
 

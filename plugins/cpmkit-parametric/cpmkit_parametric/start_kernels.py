@@ -8,17 +8,18 @@ from cpmkit.plugin import compiled
 
 
 @compiled
-def starting_points(x, found, neighbours, neighbours_along, ends, shape, centres, inverses, most):
+def find_starts(x, found, neighbours, neighbours_along, ends, shape, centres, inverses, most):
     """Return the query (k,) and the unit parameters (k, m) of each start, sorted by query.
 
-    One in each valley of the distance, the nearest first, then one in each along the ends; at most so many of both.
+    One in each cell that is nearer than its neighbours, the nearest first, then one in each such cell along the ends;
+    at most ``most`` of both for a query.
 
     Parameters
     ----------
     x : (n, d) float64
         The queries.
-    found : (query, cell, distance) of each pair that may be closest
-        Sorted by query.
+    found : (query, cell, distance), each (p,), of each pair that may be closest
+        Sorted by query; distances are those of the cells' discs.
     neighbours, neighbours_along, ends, centres, inverses
         Of the finest cells, as in a ``CellTree``.
     shape : (m,) int64
@@ -37,16 +38,16 @@ def starting_points(x, found, neighbours, neighbours_along, ends, shape, centres
         for along in range(2):
             around = neighbours_along if along else neighbours
             for pair in range(begin, end):
-                if not along or _touches(ends, cell[pair]):
+                if not along or _touches_end(ends, cell[pair]):
                     place[cell[pair]] = pair
             valleys = 0
             for pair in range(begin, end):
-                if place[cell[pair]] == pair and _is_lowest(pair, cell, distance, place, around):
-                    valleys = _put_in_order(chosen, valleys, pair, cell, distance)
+                if place[cell[pair]] == pair and _is_local_minimum(pair, cell, distance, place, around):
+                    valleys = _insert_sorted(chosen, valleys, pair, cell, distance)
             for k in range(valleys):
                 c = cell[chosen[k]]
                 starts[count] = query[begin]
-                _parameters(x[query[begin]], c, shape, centres, inverses, parameters[count])
+                _fill_parameters(x[query[begin]], c, shape, centres, inverses, parameters[count])
                 for i in range(m):
                     if along and np.isfinite(ends[c, i]):
                         parameters[count, i] = ends[c, i]
@@ -58,7 +59,7 @@ def starting_points(x, found, neighbours, neighbours_along, ends, shape, centres
 
 
 @compiled
-def _touches(ends, cell):
+def _touches_end(ends, cell):
     """Return whether a cell touches an end of a bounded parameter."""
     touches = False
     for i in range(ends.shape[1]):
@@ -67,26 +68,26 @@ def _touches(ends, cell):
 
 
 @compiled
-def _is_before(one, other, cell, distance):
-    """Return whether a pair is nearer than another of the same query, or as near in an earlier cell."""
+def _is_nearer(one, other, cell, distance):
+    """Return whether pair ``one`` is nearer than ``other`` of the same query, or as near in an earlier cell."""
     return distance[one] < distance[other] or (distance[one] == distance[other] and cell[one] < cell[other])
 
 
 @compiled
-def _is_lowest(pair, cell, distance, place, around):
-    """Return whether no neighbouring cell, of those that have a ``place``, comes before a pair."""
+def _is_local_minimum(pair, cell, distance, place, around):
+    """Return whether no cell in ``around`` (c, k), of those with a pair ``place`` (c,) >= 0, is nearer than a pair."""
     for k in range(around.shape[1]):
         other = place[around[cell[pair], k]]
-        if other >= 0 and _is_before(other, pair, cell, distance):
+        if other >= 0 and _is_nearer(other, pair, cell, distance):
             return False
     return True
 
 
 @compiled
-def _put_in_order(chosen, count, pair, cell, distance):
-    """Put a pair where it belongs among the first ``count`` that are ``chosen``; return how many there are then."""
+def _insert_sorted(chosen, count, pair, cell, distance):
+    """Insert a pair by distance among the first ``count`` of ``chosen``, in place; return how many there are then."""
     at = count
-    while at > 0 and _is_before(pair, chosen[at - 1], cell, distance):
+    while at > 0 and _is_nearer(pair, chosen[at - 1], cell, distance):
         at -= 1
     if at == len(chosen):
         return count
@@ -98,8 +99,8 @@ def _put_in_order(chosen, count, pair, cell, distance):
 
 
 @compiled
-def _parameters(x, cell, shape, centres, inverses, parameters):
-    """Fill in the unit parameters (m,) in a finest cell whose disc's point is nearest to ``x`` (d,)."""
+def _fill_parameters(x, cell, shape, centres, inverses, parameters):
+    """Fill in the unit parameters (m,) in a finest cell at which its disc is nearest to ``x`` (d,)."""
     m = len(shape)
     rest = cell
     for i in range(m - 1, -1, -1):

@@ -9,7 +9,7 @@ from cpmkit.plugin import compiled
 
 @compiled
 def user_parameters(s, lower, upper):
-    """Return the parameters (n, m) of unit parameters (n, m) between bounds (m,); a bound is met exactly."""
+    """Return the user's parameters (n, m) of unit ones ``s`` (n, m) between bounds (m,), exact at 0 and 1."""
     n, m = s.shape
     t = np.empty((n, m))
     for row in range(n):
@@ -24,8 +24,8 @@ def user_parameters(s, lower, upper):
 
 
 @compiled
-def by_unit_parameters(J, H, width):
-    """Return derivatives (n, m, d) and (n, m, m, d) times the ``width`` (m,) of each range; zero where not finite."""
+def scale_derivatives(J, H, width):
+    """Return derivatives ``J`` (n, m, d) and ``H`` (n, m, m, d) times the ranges ``width`` (m,), 0 if not finite."""
     n, m, d = J.shape
     first, second = np.empty(J.shape), np.empty(H.shape)
     for row in range(n):
@@ -40,8 +40,8 @@ def by_unit_parameters(J, H, width):
 
 
 @compiled
-def jet_of_rows(rows, m, d):
-    """Return points (n, d), derivatives (n, m, d) and (n, m, m, d) of ``rows`` (r, n).
+def unpack_jets(rows, m, d):
+    """Return points (n, d), derivatives (n, m, d) and second derivatives (n, m, m, d) from ``rows`` (r, n).
 
     Rows are the d coordinates, then those of the derivatives by each parameter, then by each pair of them, the first
     with the first, the first with the second and so on.
@@ -62,10 +62,11 @@ def jet_of_rows(rows, m, d):
 
 @compiled
 def advance_parameters(s, step, periodic, flip, poles, most_share):
-    """Return where steps (n, m) from ``s`` (n, m) lead: shortened towards ``poles`` (m, 2), wrapped or cut at bounds.
+    """Return where steps (n, m) from unit parameters ``s`` (n, m) lead: wrapped if ``periodic`` (m,), else in [0, 1].
 
-    No step takes more than ``most_share`` of the way to a pole. With ``flip`` the second parameter comes back as one
-    minus itself, once around the first.
+    ``poles`` (m, 2) is True where the side at 0 or at 1 of a parameter is a pole: no step takes more than
+    ``most_share`` of the way to it. With ``flip``, an odd number of turns of the first parameter takes the second, t,
+    to 1 - t.
     """
     n, m = s.shape
     found = np.empty((n, m))

@@ -19,7 +19,7 @@ def valleys(found, neighbours, chosen):
 def test_starts_are_the_valleys(source):
     tree, rng = source.tree, np.random.default_rng(4)
     x = rng.uniform(*(1.2 * source.bounds), size=(60, 3))
-    found, starts = tree._surviving(x), tree.starts(x)
+    found, starts = tree._surviving_pairs(x), tree.descent_starts(x)
     own = [found[0] == one for one in range(len(x))]
     touches = np.isfinite(tree.ends[found[1]]).any(axis=1)
     inside = valleys(found, tree.neighbours, own)
