@@ -21,14 +21,14 @@ def conformance_cases() -> list[ConformanceCase]:
     micrometre = {"phi": "(x*1e6)**2 + (y*1e6)**2 + (z*1e6)**2 - 1", "bounds": 1e-6 * np.array(CUBE)}
     ellipse = {"phi": "x**2/4 + y**2 - 1", "bounds": [[-2.2, -1.3], [2.2, 1.3]]}
     return [
-        _case("expression", "sphere of a micrometre", micrometre, lambda rng, n: 1e-6 * _sphere(rng, n)),
-        _case("expression", "torus", {"phi": TORUS, "bounds": [[-1.5, -1.5, -0.5], [1.5, 1.5, 0.5]]}, _torus),
-        _case("expression", "ellipse in the plane", ellipse, _ellipse),
-        _case("expression", "dome, trimmed", dome, _dome),
-        _case("expression", "arc of an ellipse", {**ellipse, "trim": "x - y - 1"}, _elliptic_arc),
-        _case("callable", "ellipsoid", _ellipsoid_keys(), _ellipsoid),
+        _case("expression", "sphere of a micrometre", micrometre, lambda rng, n: 1e-6 * _sphere_points(rng, n)),
+        _case("expression", "torus", {"phi": TORUS, "bounds": [[-1.5, -1.5, -0.5], [1.5, 1.5, 0.5]]}, _torus_points),
+        _case("expression", "ellipse in the plane", ellipse, _ellipse_points),
+        _case("expression", "dome, trimmed", dome, _dome_points),
+        _case("expression", "arc of an ellipse", {**ellipse, "trim": "x - y - 1"}, _arc_points),
+        _case("callable", "ellipsoid", _ellipsoid_keys(), _ellipsoid_points),
         _case("grid", "ellipsoid", _grid_keys()),
-        _case("dziuk", "whole", {}, _dziuk),
+        _case("dziuk", "whole", {}, _dziuk_points),
         _case("decotetrahedron", "whole", {}),
         _case("tooth", "whole", {}),
         _case("goursat", "tangle cube", {}),
@@ -36,6 +36,7 @@ def conformance_cases() -> list[ConformanceCase]:
 
 
 def _case(kind: str, name: str, keys: dict[str, Any], samples: Any = None) -> ConformanceCase:
+    """Return the case ``name`` of ``levelset.{kind}`` with ``keys``; ``samples(rng, n)`` draws points (n, d)."""
     factory = getattr(factories, "function" if kind == "callable" else kind)
 
     @cache  # the laws ask for the source again and again, and it is a value
@@ -46,35 +47,35 @@ def _case(kind: str, name: str, keys: dict[str, Any], samples: Any = None) -> Co
     return ConformanceCase(f"levelset.{kind}", name, make, samples)
 
 
-def _sphere(rng: np.random.Generator, n: int) -> Floats:
+def _sphere_points(rng: np.random.Generator, n: int) -> Floats:
     z, angle = rng.uniform(-1, 1, n), rng.uniform(0, 2 * np.pi, n)
     around = np.sqrt(1 - z**2)
     return np.stack([around * np.cos(angle), around * np.sin(angle), z], axis=1)
 
 
-def _dome(rng: np.random.Generator, n: int) -> Floats:
-    points = _sphere(rng, 8 * n)
+def _dome_points(rng: np.random.Generator, n: int) -> Floats:
+    points = _sphere_points(rng, 8 * n)
     return points[points[:, 2] >= 0.3][:n]
 
 
-def _torus(rng: np.random.Generator, n: int) -> Floats:
+def _torus_points(rng: np.random.Generator, n: int) -> Floats:
     u, v = rng.uniform(0, 2 * np.pi, (2, n))
     around = 1 + 0.4 * np.cos(v)
     return np.stack([around * np.cos(u), around * np.sin(u), 0.4 * np.sin(v)], axis=1)
 
 
-def _ellipse(rng: np.random.Generator, n: int) -> Floats:
+def _ellipse_points(rng: np.random.Generator, n: int) -> Floats:
     angle = rng.uniform(0, 2 * np.pi, n)
     return np.stack([2 * np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _elliptic_arc(rng: np.random.Generator, n: int) -> Floats:
-    points = _ellipse(rng, 4 * n)
+def _arc_points(rng: np.random.Generator, n: int) -> Floats:
+    points = _ellipse_points(rng, 4 * n)
     return points[points[:, 0] - points[:, 1] <= 1][:n]
 
 
-def _dziuk(rng: np.random.Generator, n: int) -> Floats:
-    points = _sphere(rng, n)
+def _dziuk_points(rng: np.random.Generator, n: int) -> Floats:
+    points = _sphere_points(rng, n)
     points[:, 0] += points[:, 2] ** 2
     return points
 
@@ -82,8 +83,8 @@ def _dziuk(rng: np.random.Generator, n: int) -> Floats:
 AXES = np.array([1.0, 0.7, 0.5])
 
 
-def _ellipsoid(rng: np.random.Generator, n: int) -> Floats:
-    return AXES * _sphere(rng, n)
+def _ellipsoid_points(rng: np.random.Generator, n: int) -> Floats:
+    return AXES * _sphere_points(rng, n)
 
 
 def _ellipsoid_keys() -> dict[str, Any]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.plugin import Bools, Floats, norms
-from cpmkit_levelset.descent_kernels import keep_gains, newton_steps, settle_rows
+from cpmkit_levelset.descent_kernels import fill_newton_steps, keep_nearer_trials, mark_converged
 from cpmkit_levelset.manifold import LocalShape, ZeroSet
 
 LEVELSET_DESCENT_STEPS = 40
@@ -23,7 +23,7 @@ LOOSE_STEP_SHARE = 1e-6
 STEP_CUT_FACTOR, MOST_STEP_CUTS = 0.3, 10
 
 
-def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple[Floats, Bools]:
+def minimize_distance(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple[Floats, Bools]:
     """Return, for each query, the point with the least distance that is found downhill from ``start``.
 
     Parameters
@@ -49,35 +49,35 @@ def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple
     least, loose = LAST_NEWTON_SHARE * zero_set.size, LOOSE_STEP_SHARE * zero_set.size
     for _ in range(LEVELSET_DESCENT_STEPS):
         queries, points = x[rows], y[rows]
-        step, length = newton_step(zero_set.shape(queries, points), stride)
+        step, length = newton_steps(zero_set.local_shape(queries, points), stride)
         y[rows], moved = _line_search(zero_set, queries, points, step, stride)
-        rows = rows[: settle_rows(rows, length, moved, last, converged, least, loose)]
+        rows = rows[: mark_converged(rows, length, moved, last, converged, least, loose)]
         if not len(rows):
             break
     return y, converged | (last <= loose)
 
 
-def newton_step(shape: LocalShape, stride: float) -> tuple[Floats, Floats]:
-    """Return tangential Newton steps (n, d), cut to ``stride``, and their lengths (n,) before the cut."""
+def newton_steps(shape: LocalShape, stride: float) -> tuple[Floats, Floats]:
+    """Return tangential Newton steps (n, d) at ``shape``, cut to ``stride``, and their lengths (n,) before the cut."""
     n, _, d = shape.tangents.shape
     step, length = np.empty((n, d)), np.empty(n)
-    newton_steps(*shape, stride, step, length)
+    fill_newton_steps(*shape, stride, step, length)
     return step, length
 
 
 def _line_search(zero_set: ZeroSet, x: Floats, y: Floats, step: Floats, stride: float) -> tuple[Floats, Bools]:
     """Return ``y`` (n, d) after a line search along ``step`` (n, d), and whether (n,) each point moved.
 
-    A trial is a share of the step, projected back on the zero set. Shares fall by `STEP_CUT_FACTOR` until a
-    trial is no farther from ``x`` (n, d), for at most `MOST_STEP_CUTS` trials. A trial that projection moves farther
-    than 2 ``stride`` does not count.
+    A trial is a share of the step, projected back on the zero set. Shares fall by `STEP_CUT_FACTOR` until a trial is no
+    farther from ``x`` (n, d), for at most `MOST_STEP_CUTS` trials. A trial that projection moves farther than 2
+    ``stride`` does not count.
     """
     moved, best = np.zeros(len(x), dtype=bool), y.copy()
     rows, share = np.arange(len(x)), 1.0
     noise = 8 * np.finfo(float).eps * zero_set.size * (norms(x - y) + zero_set.size)
     for _ in range(MOST_STEP_CUTS):
         trial, on = zero_set.project(y[rows] + share * step[rows], 2 * stride)
-        rows = rows[: keep_gains(x, y, best, moved, rows, trial, on, noise)]
+        rows = rows[: keep_nearer_trials(x, y, best, moved, rows, trial, on, noise)]
         share *= STEP_CUT_FACTOR
         if not len(rows):
             break

@@ -10,17 +10,18 @@ import math
 from cpmkit.plugin import compiled, inlined
 
 #: Where the squared distance bends less than this, near a centre of curvature, the step is made as for this value.
-LEAST_BENDING_OF_DISTANCE = 1e-3
+LEAST_SECOND_DERIVATIVE = 1e-3
 #: Where it bends down, as on a ridge between two basins, the step is at least this share of the longest one: the force
 #: is small there, and steps that only double would take thirty to leave.
 RIDGE_STRIDE_SHARE = 0.25
 
 
 @compiled
-def newton_steps(tangents, bending, force, stride, step, length):
+def fill_newton_steps(tangents, bending, force, stride, step, length):
     """Fill in tangential steps (n, d), cut to ``stride``, and their lengths (n,) before that.
 
     They are (I + bending)^-1 force, but that along directions in which the distance bends down they go downhill.
+    ``tangents``, ``bending`` and ``force`` are those of a ``LocalShape``.
     """
     n, m, d = tangents.shape
     least = RIDGE_STRIDE_SHARE * stride
@@ -45,8 +46,8 @@ def newton_steps(tangents, bending, force, stride, step, length):
 
 @inlined
 def _step_in_plane(force, a, b, c, least):
-    """Return the step's coordinates for the bending ((a, b), (b, c)): along each of its two principal directions."""
-    if 0.5 * (a + c) - math.hypot(0.5 * (a - c), b) >= LEAST_BENDING_OF_DISTANCE:
+    """Return the step's coordinates for a force (2,) and the second derivative ((a, b), (b, c)), by principal axes."""
+    if 0.5 * (a + c) - math.hypot(0.5 * (a - c), b) >= LEAST_SECOND_DERIVATIVE:
         determinant = a * c - b * b
         return (c * force[0] - b * force[1]) / determinant, (a * force[1] - b * force[0]) / determinant
     mean, half, angle = 0.5 * (a + c), math.hypot(0.5 * (a - c), b), 0.5 * math.atan2(2 * b, a - c)
@@ -57,26 +58,31 @@ def _step_in_plane(force, a, b, c, least):
 
 
 @inlined
-def _step_along_direction(force, bending, least):
-    """Return the step along one direction; where the distance is concave, its length is at least ``least``."""
-    step = force / max(abs(bending), LEAST_BENDING_OF_DISTANCE)
-    if bending < -LEAST_BENDING_OF_DISTANCE and abs(step) < least:
+def _step_along_direction(force, second, least):
+    """Return the step along one direction, in which half the squared distance has the slope -``force``.
+
+    ``second`` is its whole second derivative there; where this is negative, the step is at least ``least`` long.
+    """
+    step = force / max(abs(second), LEAST_SECOND_DERIVATIVE)
+    if second < -LEAST_SECOND_DERIVATIVE and abs(step) < least:
         return math.copysign(least, force)
     return step
 
 
 @compiled
-def keep_gains(x, y, best, moved, rows, trial, on, noise):
-    """Keep the trials (r, d) that are ``on`` the zero set and nearer the queries; return how many rows go on.
+def keep_nearer_trials(x, y, best, moved, rows, trial, on, noise):
+    """Keep the trials that are on the zero set and no farther from the queries; return how many rows go on.
 
     Parameters
     ----------
     x, y : (n, d) float64
         The queries, and where their points were.
     best, moved : (n, d) float64, (n,) bool
-        Set where a trial is kept.
+        Set in place where a trial is kept.
     rows : (r,) int64
-        The first of them are overwritten by those of no gain.
+        The first of them are overwritten by those of no gain, which go on.
+    trial, on : (r, d) float64, (r,) bool
+        The trials of ``rows``, and which are on the zero set.
     noise : (n,) float64
         By how much the squared distance may grow through rounding.
     """
@@ -96,7 +102,7 @@ def keep_gains(x, y, best, moved, rows, trial, on, noise):
 
 
 @compiled
-def settle_rows(rows, length, moved, last, converged, least, loose):
+def mark_converged(rows, length, moved, last, converged, least, loose):
     """Mark which rows have converged, by the lengths (r,) of their steps; return how many of them go on.
 
     Parameters
@@ -104,6 +110,7 @@ def settle_rows(rows, length, moved, last, converged, least, loose):
     rows : (r,) int64
         The first of them are overwritten by those that go on.
     length, moved : (r,) float64, (r,) bool
+        The lengths of the steps, and whether the points moved; others do not go on.
     last, converged : (n,) float64, (n,) bool
         The lengths of the steps before, replaced by these; set for those that have converged.
     least, loose : float

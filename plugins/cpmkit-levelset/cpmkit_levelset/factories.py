@@ -48,7 +48,7 @@ def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEF
     trim : str, optional
         Keeps the part with trim <= 0.
     resolution : int
-        Cells of the lattice of samples along the longest side.
+        Cells of the lattice of samples along the longest side, 8 to 512; thinner parts or gaps may be overlooked.
     """
     box = as_box(bounds)
     text = str(phi) if hasattr(phi, "free_symbols") else phi  # SymPy writes formulas as scene files do
@@ -77,11 +77,14 @@ def function(
         Returns (n, d). Feet are as good as the gradient is, so it must be exact. Without it, fourth-order central
         differences of phi are taken; where these are off by more than a millionth, solutions warn of it.
     bounds : (2, d) numbers
+        The lower and upper corner of a box that holds the zero set.
     hessian : callable, optional
-        Returns (n, d, d). Without it, fourth-order central differences of the gradient are taken, which
-        cost 4 d calls of it for each of Newton's steps but no accuracy.
+        Returns (n, d, d). Without it, fourth-order central differences of the gradient are taken, which cost 4 d calls
+        of it for each of Newton's steps but no accuracy.
     trim : str, optional
+        A formula in x, y, z: the part with trim <= 0 is kept.
     resolution : int
+        Cells of the lattice of samples along the longest side of the bounds, 8 to 512.
     """
     box = as_box(bounds)
     for name, function_given in (("phi", phi), ("gradient", gradient), ("hessian", hessian)):
@@ -129,11 +132,13 @@ def grid(
     origin : (d,) numbers, optional
         Zero unless given.
     trim : str, optional
+        A formula in x, y, z: the part with trim <= 0 is kept.
     resolution : int
+        Cells of the lattice of samples along the longest side of the grid, 8 to 512.
     """
     if (values is None) == (file is None):
         raise InputError(f"levelset.grid takes either values or a file, got {'neither' if file is None else 'both'}.")
-    samples = _as_grid(read_array(existing_file(file), "an array of numbers") if values is None else values)
+    samples = _as_grid_values(read_array(existing_file(file), "an array of numbers") if values is None else values)
     d = samples.ndim
     single = not isinstance(spacing, (list, tuple)) and np.ndim(spacing) == 0
     steps = np.full(d, positive(spacing, "spacing")) if single else as_vector(spacing, d, "spacing")
@@ -145,7 +150,10 @@ def grid(
 
 
 def dziuk(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
-    """Return (x - z^2)^2 + y^2 + z^2 = 1 (Dziuk, 1988)."""
+    """Return (x - z^2)^2 + y^2 + z^2 = 1 (Dziuk, 1988).
+
+    ``trim`` is a formula, <= 0 on the part kept; ``resolution``, 8 to 512, counts sample cells along the longest side.
+    """
     phi, box = "(x - z**2)**2 + y**2 + z**2 - 1", [[-1.1, -1.1, -1.1], [1.35, 1.1, 1.1]]
     return expression(phi=phi, bounds=box, trim=trim, resolution=resolution)
 
@@ -153,7 +161,8 @@ def dziuk(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet
 def decotetrahedron(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
     """Return the sum of (x_i - 2)^2 (x_i + 2)^2 - 10 x_i^2, with 3 (x^2 y^2 + x^2 z^2 + y^2 z^2) + 6 x y z, = -22.
 
-    Four lobes on a hollow body (King et al. (2024), section 7.2, after 3D-XplorMath); its size is about 6.
+    Four lobes on a hollow body (King et al. (2024), section 7.2, after 3D-XplorMath); its size is about 6. ``trim`` is
+    a formula, <= 0 on the part kept; ``resolution``, 8 to 512, counts sample cells along the longest side.
     """
     lobes = " + ".join(f"({c} - 2)**2*({c} + 2)**2 - 10*{c}**2" for c in "xyz")
     phi = f"{lobes} + 3*(x**2*y**2 + x**2*z**2 + y**2*z**2) + 6*x*y*z + 22"
@@ -161,7 +170,10 @@ def decotetrahedron(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -
 
 
 def tooth(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
-    """Return x^4 + y^4 + z^4 = x^2 + y^2 + z^2, without the point at the origin, which is no part of the surface."""
+    """Return x^4 + y^4 + z^4 = x^2 + y^2 + z^2, without the point at the origin, which is no part of the surface.
+
+    ``trim`` is a formula, <= 0 on the part kept; ``resolution``, 8 to 512, counts sample cells along the longest side.
+    """
     phi = "x**4 + y**4 + z**4 - (x**2 + y**2 + z**2)"
     return expression(phi=phi, bounds=[[-1.25] * 3, [1.25] * 3], trim=trim, resolution=resolution)
 
@@ -171,8 +183,8 @@ def goursat(
 ) -> LevelSet:
     """Return x^4 + y^4 + z^4 + a (x^2 + y^2 + z^2)^2 + b (x^2 + y^2 + z^2) + c = 0 (Goursat, 1887).
 
-    The defaults give the tangle cube. ``a`` must be above -1/3, where the surface is bounded. Raise InputError if the
-    numbers give no bounded surface.
+    The defaults give the tangle cube. ``trim`` is a formula, <= 0 on the part that is kept, ``resolution`` the
+    lattice's cells along the longest side, 8 to 512. Raise InputError if the numbers give no bounded surface.
 
     Parameters
     ----------
@@ -196,10 +208,7 @@ def goursat(
 
 
 def as_box(bounds: Any) -> Floats:
-    """Return ``bounds`` as a (2, d) array of a lower and an upper corner.
-
-    Raise InputError if they are anything else.
-    """
+    """Return ``bounds``, a lower and an upper corner, as a (2, d) array, d = 2 or 3; raise InputError if it is not."""
     try:
         lower, upper = bounds
         dim = 2 if len(lower) == 2 else 3
@@ -224,7 +233,8 @@ def _sample_subset(level_set_source: LevelSet) -> Floats:
     return samples[:: max(len(samples) // 2000, 1)]
 
 
-def _as_grid(values: Any) -> Floats:
+def _as_grid_values(values: Any) -> Floats:
+    """Return ``values`` as finite float64, (n0, n1[, n2]), each at least six; raise InputError if they are not."""
     try:
         samples = np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:

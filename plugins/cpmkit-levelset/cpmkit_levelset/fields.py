@@ -57,19 +57,20 @@ class FunctionField:
 
     def value(self, p: Floats) -> Floats:
         """Return phi (n,) at points ``p`` (n, d)."""
-        return _answer(self.phi, "phi", p, ())
+        return _evaluate(self.phi, "phi", p, ())
 
     def gradient(self, p: Floats) -> tuple[Floats, Floats]:
         """Return phi (n,) and its gradient (n, d) at points ``p`` (n, d)."""
-        return self.value(p), _answer(self.phi_gradient, "gradient", p, (self.dim,))
+        return self.value(p), _evaluate(self.phi_gradient, "gradient", p, (self.dim,))
 
     def jet(self, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d) at points ``p`` (n, d)."""
         if self.phi_hessian is not None:
-            return *self.gradient(p), _answer(self.phi_hessian, "hessian", p, (self.dim, self.dim))
-        return *self.gradient(p), self._differences(p)
+            return *self.gradient(p), _evaluate(self.phi_hessian, "hessian", p, (self.dim, self.dim))
+        return *self.gradient(p), self._hessian_differences(p)
 
-    def _differences(self, p: Floats) -> Floats:
+    def _hessian_differences(self, p: Floats) -> Floats:
+        """Return the Hessian (n, d, d) at ``p`` (n, d) by fourth-order differences of the gradient, made symmetric."""
         columns = []
         for axis in np.eye(self.dim):
             near, far = (
@@ -100,14 +101,15 @@ class Differences:
 
     def __call__(self, p: Floats) -> Floats:
         """Return the gradient (n, d) at points ``p`` (n, d)."""
-        return self.of_step(p, self.step)
+        return self.difference_gradient(p, self.step)
 
-    def of_step(self, p: Floats, step: float) -> Floats:
-        """Return the gradient (n, d) at ``p`` (n, d) by fourth-order differences of length ``step``."""
+    def difference_gradient(self, p: Floats, step: float) -> Floats:
+        """Return the gradient (n, d) at ``p`` (n, d) by fourth-order differences, which reach two lengths ``step``."""
         columns = []
         for axis in np.eye(self.dim):
             near, far = (
-                _answer(self.phi, "phi", p + k * step * axis, ()) - _answer(self.phi, "phi", p - k * step * axis, ())
+                _evaluate(self.phi, "phi", p + k * step * axis, ())
+                - _evaluate(self.phi, "phi", p - k * step * axis, ())
                 for k in (1, 2)
             )
             columns.append((8 * near - far) / (12 * step))
@@ -115,13 +117,13 @@ class Differences:
 
     def errors(self, p: Floats) -> Floats:
         """Return (n,) change of the gradient at ``p`` (n, d) by half the step, relative to its length; inf if NaN."""
-        coarse, finer = self(p), self.of_step(p, self.step / 2)
+        coarse, finer = self(p), self.difference_gradient(p, self.step / 2)
         with np.errstate(all="ignore"):
             off = norms(coarse - finer) / norms(finer)
         return np.nan_to_num(off, nan=np.inf)
 
 
-def _answer(function: Callable[[Floats], Any], label: str, p: Floats, shape: tuple[int, ...]) -> Floats:
+def _evaluate(function: Callable[[Floats], Any], label: str, p: Floats, shape: tuple[int, ...]) -> Floats:
     """Return ``function`` at a copy of points ``p`` (n, d), as float64 of shape (n, *shape).
 
     Raise InputError, which names ``label``, if it returns another shape or no numbers.
@@ -129,21 +131,21 @@ def _answer(function: Callable[[Floats], Any], label: str, p: Floats, shape: tup
     try:
         values = np.array(function(p.copy()), dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
-        raise InputError(f"{label} must return numbers of shape {_letters(shape)}: {error}.") from error
+        raise InputError(f"{label} must return numbers of shape {_format_shape(shape)}: {error}.") from error
     if values.shape != (len(p), *shape):
         raise InputError(
-            f"{label} must return shape {_letters(shape)} for points (n, {p.shape[1]}), "
+            f"{label} must return shape {_format_shape(shape)} for points (n, {p.shape[1]}), "
             f"got {values.shape} for {len(p)} points."
         )
     return values
 
 
-def _letters(shape: tuple[int, ...]) -> str:
+def _format_shape(shape: tuple[int, ...]) -> str:
     return f"(n, {', '.join(map(str, shape))})" if shape else "(n,)"
 
 
 def check_gradient(field: FunctionField, box: Floats) -> None:
-    """Compare the user's gradient with differences of phi at some points of ``box`` (2, d).
+    """Compare the user's gradient with differences of phi at 64 random points of ``box`` (2, d).
 
     Raise InputError if they disagree by a thousandth at more than half of the points: it is not the gradient of phi.
     """

@@ -52,9 +52,10 @@ class FormulaField:
 
 
 def formula_field(text: Any, dim: int, label: str) -> FormulaField:
-    """Return the formula ``text`` with its first two derivatives.
+    """Return the formula ``text`` in the first ``dim`` of x, y, z with its first two derivatives.
 
-    Raise SceneError if it does not parse, is too long, uses what is not offered, or what has no second derivative.
+    Raise SceneError, which names ``label``, if it does not parse, is too long or constant, uses what is not offered, or
+    what has no second derivative.
     """
     names = COORDINATES[:dim]
     tree = formula_tree(text, names, label)
@@ -72,6 +73,7 @@ def formula_field(text: Any, dim: int, label: str) -> FormulaField:
 
 
 def _is_rough(node: ast.AST) -> bool:
+    """Return whether a node of a formula's tree lacks a second derivative: a rough function, % or a comparison."""
     match node:
         case ast.Call(func=ast.Name(id=name)):
             return name in ROUGH_FUNCTIONS

@@ -45,22 +45,22 @@ class GridField:
 
     def value(self, p: Floats) -> Floats:
         """Return phi (n,) at points ``p`` (n, d); outside of the grid NaN, as the derivatives are."""
-        return self._derivatives(p, 0).reshape(len(p))
+        return self._derivative_table(p, 0).reshape(len(p))
 
     def gradient(self, p: Floats) -> tuple[Floats, Floats]:
         """Return phi (n,) and its gradient (n, d) at points ``p`` (n, d)."""
-        table = self._derivatives(p, 1)
-        return _derivative(table, (0,) * self.dim), self._first(table)
+        table = self._derivative_table(p, 1)
+        return _derivative(table, (0,) * self.dim), self._gradient(table)
 
     def jet(self, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d) at points ``p`` (n, d)."""
-        table, d = self._derivatives(p, 2), self.dim
+        table, d = self._derivative_table(p, 2), self.dim
         hessian = np.empty((len(p), d, d))
         for i in range(d):
             for j in range(d):
                 orders = tuple(int(k == i) + int(k == j) for k in range(d))
                 hessian[:, i, j] = _derivative(table, orders) / (self.spacing[i] * self.spacing[j])
-        return _derivative(table, (0,) * d), self._first(table), hessian
+        return _derivative(table, (0,) * d), self._gradient(table), hessian
 
     def slope_error(self, p: Floats) -> float:
         """Return the root mean square error of gradients at ``p`` (n, d), as a share of their length.
@@ -69,22 +69,23 @@ class GridField:
         """
         slope = self.gradient(p)[1]
         apart = [
-            np.sum((self._first(self._derivatives(p, 1, shift)) - slope) ** 2, axis=1)
+            np.sum((self._gradient(self._derivative_table(p, 1, shift)) - slope) ** 2, axis=1)
             for shift in np.eye(self.dim, dtype=np.int64)
         ]
         share = np.mean(apart, axis=0) / np.sum(slope**2, axis=1)
         return float(np.sqrt(np.mean(share[np.isfinite(share)])))
 
-    def _first(self, table: Floats) -> Floats:
-        """Return the gradient (n, d), in the unit of the scene, from the ``table`` of :meth:`_derivatives`."""
+    def _gradient(self, table: Floats) -> Floats:
+        """Return the gradient (n, d), per unit of length, from the ``table`` of :meth:`_derivative_table`."""
         units = [tuple(int(k == i) for k in range(self.dim)) for i in range(self.dim)]
         gradient: Floats = np.stack([_derivative(table, orders) for orders in units], axis=1) / self.spacing
         return gradient
 
-    def _derivatives(self, p: Floats, most: int, shift: Ints | int = 0) -> Floats:
-        """Return the table (n, most + 1, ...) of derivatives of orders 0 to ``most`` in each coordinate.
+    def _derivative_table(self, p: Floats, most: int, shift: Ints | int = 0) -> Floats:
+        """Return the table (n, most + 1, ...) of derivatives at ``p`` (n, d), orders 0 to ``most`` in each coordinate.
 
-        They are in units of the grid, and those of the polynomial that belongs to the cell ``shift`` cells on.
+        They are in units of the grid, NaN outside of it, and those of the polynomial of the cell ``shift``, () or (d,),
+        cells on.
         """
         last = np.array(self.values.shape) - 1
         q = (p - self.origin) / self.spacing
@@ -93,13 +94,13 @@ class GridField:
         q = np.where(outside[:, None], 0.0, q)
         first = np.clip(np.floor(q).astype(np.int64) - 2 + shift, 0, last - (STENCIL_NODES - 1))
         table = self._patches(first)
-        for weights in _weights((q - first - 2.5).T, most):
+        for weights in _lagrange_weights((q - first - 2.5).T, most):
             table = np.einsum("ni...,nia->n...a", table, weights, optimize=False)
         table[outside] = np.nan
         return table
 
     def _patches(self, first: Ints) -> Floats:
-        """Return (n, 6, 6[, 6]): the values that the polynomials run through, from the grid points ``first`` on."""
+        """Return (n, 6, 6[, 6]): the values of the polynomials' grid points, from the indices ``first`` (n, d) on."""
         index = tuple(
             first[:, axis].reshape(-1, *[1] * self.dim)
             + np.arange(STENCIL_NODES).reshape(-1, *[1] * (self.dim - 1 - axis))
@@ -110,13 +111,13 @@ class GridField:
 
 
 def _derivative(table: Floats, orders: tuple[int, ...]) -> Floats:
-    """Return (n,) the derivative of these orders in each coordinate, from the ``table`` of GridField._derivatives."""
+    """Return (n,) the derivative of ``orders``, one a coordinate, from the table of GridField._derivative_table."""
     derivative: Floats = table[:, *orders]
     return derivative
 
 
-def _weights(t: Floats, most: int) -> Floats:
-    """Return (d, n, 6, most + 1): the Lagrange polynomials at ``t`` (d, n) and their derivatives."""
+def _lagrange_weights(t: Floats, most: int) -> Floats:
+    """Return (d, n, 6, most + 1): the Lagrange polynomials and their derivatives at ``t`` (d, n), 0 in the middle."""
     weights = np.empty((*t.shape, STENCIL_NODES, most + 1))
     coefficients = LAGRANGE_COEFFICIENTS
     for order in range(most + 1):

@@ -23,8 +23,8 @@ from cpmkit.plugin import (
 from cpmkit_levelset.fields import Field, FunctionField
 from cpmkit_levelset.manifold import ZeroSet, unit_or_nan
 from cpmkit_levelset.marching import marching_simplices
-from cpmkit_levelset.sampling import COVERING_SPACINGS, exit_points, in_chunks, sample_lattice, surface_samples
-from cpmkit_levelset.search import Layer, find_nearest_points, layer
+from cpmkit_levelset.sampling import COVERING_SPACINGS, evaluate_chunked, exit_points, sample_lattice, surface_samples
+from cpmkit_levelset.search import Layer, build_layer, find_nearest_points
 
 #: Queries that are answered at a time: temporary arrays stay in the cache.
 LEVELSET_PARCEL_QUERIES = 8192
@@ -104,7 +104,7 @@ class LevelSet:
         edge, doubtful = np.full(len(x), -1), np.zeros(len(x), dtype=bool)
         for start in range(0, len(x), LEVELSET_PARCEL_QUERIES):
             part = slice(start, start + LEVELSET_PARCEL_QUERIES)
-            points[part], distance[part], edge[part], doubtful[part] = self._feet(x[part])
+            points[part], distance[part], edge[part], doubtful[part] = self._find_feet(x[part])
         return ClosestPoints(points + self.shift, distance, edge, doubtful=doubtful)
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
@@ -112,7 +112,7 @@ class LevelSet:
         return unit_or_nan(self.field.gradient(feet.points - self.shift)[1])
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) on the level set and cells (m, d), triangles or segments, of about ``spacing``.
+        """Return vertices (v, d) on the level set and cells (m, d), triangles or segments, of about ``spacing`` > 0.
 
         Triangles are wound counterclockwise as seen from where phi grows; segments have that on their right.
         """
@@ -138,30 +138,31 @@ class LevelSet:
         return Advice(ERROR_PER_FIELD_SLOPE * self.slope_error, warnings, mesh_for_samples=self.dim == 2)
 
     def translate(self, offset: Floats, /) -> LevelSet:
-        """Return the level set translated by ``offset`` (d,)."""
+        """Return the level set translated by ``offset``, (d,) finite numbers."""
         return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
 
-    def _feet(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
+    def _find_feet(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
+        """Return points (n, d), distances, edges and doubts (n,) of queries ``x`` (n, d), without the shift."""
         if self.edge is None:
             result = find_nearest_points(self.surface, x)
             return result.points, result.distance, np.full(len(x), -1), ~result.sure
         rim = find_nearest_points(self.edge, x)
-        result = find_nearest_points(self.surface, x, rim.distance, self._inside)
+        result = find_nearest_points(self.surface, x, rim.distance, self._is_inside)
         on_rim = ~(result.distance < rim.distance)
         # the edge is nowhere nearer than the foot on it less the covering radius: beyond that its doubts do not count
         sure = result.sure & (rim.sure | (result.distance < rim.distance - self.edge.covering))
         points = np.where(on_rim[:, None], rim.points, result.points)
         distance = np.where(on_rim, rim.distance, result.distance)
-        return points, distance, np.where(on_rim, self._rim_number(rim.points), -1), ~sure
+        return points, distance, np.where(on_rim, self._edge_numbers(rim.points), -1), ~sure
 
-    def _rim_number(self, points: Floats) -> Ints:
-        """Return (n,) 0 on the edge of a surface; of a curve the number of its end."""
+    def _edge_numbers(self, points: Floats) -> Ints:
+        """Return (n,) 0 for ``points`` (n, d) on the edge of a surface; of a curve, the number of the nearest end."""
         if self.dim == 3 or self.edge is None:
             return np.zeros(len(points), dtype=np.int64)
         number: Ints = self.edge.tree.query(points)[1].astype(np.int64)
         return number
 
-    def _inside(self, points: Floats) -> Bools:
+    def _is_inside(self, points: Floats) -> Bools:
         """Return (n,) whether ``points`` (n, d) of the zero set belong to the trimmed part, off its edge."""
         assert self.trim is not None
         value, gradient = self.trim.gradient(points)
@@ -169,7 +170,7 @@ class LevelSet:
         return inside
 
     def _orient_cells(self, feet: ClosestPoints, cells: Ints) -> Ints:
-        """Return ``cells`` of positive area, with their vertices in the order that agrees with the normals."""
+        """Return the ``cells`` (m, d) of positive area, their vertices at ``feet`` in the order of :meth:`mesh`."""
         corners, normal = feet.points[cells], self.normals(feet)[cells].sum(axis=1)
         sides = corners[:, 1:] - corners[:, :1]
         if self.dim == 2:
@@ -182,10 +183,10 @@ class LevelSet:
 
     @cached_property
     def _extent(self) -> Floats:
-        """The box around the feet of queries so far away that their feet are the extreme points."""
+        """(2, d) the box around the feet of queries so far away that their feet are the extreme points."""
         size, centre = self.surface.zero_set.size, self.box.mean(axis=0)
         directions = np.concatenate([-np.eye(self.dim), np.eye(self.dim)])
-        extremes = self._feet(centre + 1e6 * size * directions)[0]
+        extremes = self._find_feet(centre + 1e6 * size * directions)[0]
         extent: Floats = np.stack([extremes.min(axis=0), extremes.max(axis=0)]) + 1e-6 * size * np.array(
             [[-1.0], [1.0]]
         )
@@ -203,7 +204,9 @@ def level_set(field: Field, trim: Field | None, box: Floats, resolution: int) ->
     lattice = sample_lattice(field, box, spacing)
     zero_set = ZeroSet((field,), size)
     samples = surface_samples(zero_set, lattice)
-    kept = np.ones(lattice.values.size, dtype=bool) if trim is None else in_chunks(trim.value, lattice.nodes) <= 0
+    kept = (
+        np.ones(lattice.values.size, dtype=bool) if trim is None else evaluate_chunked(trim.value, lattice.nodes) <= 0
+    )
     leaks = exit_points(lattice, kept)
     if len(leaks):
         raise InputError(
@@ -213,13 +216,18 @@ def level_set(field: Field, trim: Field | None, box: Floats, resolution: int) ->
     edge = None
     if trim is not None:
         samples, edge = _trim_samples(field, trim, samples, size, spacing)
-    return LevelSet(field, trim, box, layer(zero_set, samples, COVERING_SPACINGS * spacing), edge, np.zeros(field.dim))
+    return LevelSet(
+        field, trim, box, build_layer(zero_set, samples, COVERING_SPACINGS * spacing), edge, np.zeros(field.dim)
+    )
 
 
 def _trim_samples(
     field: Field, trim: Field, samples: Floats, size: float, spacing: float
 ) -> tuple[Floats, Layer | None]:
-    """Return the samples that belong to the piece, or nearly so, and the layer of its edge, None if nothing is cut."""
+    """Return the samples where trim <= 0, or nearly so, and the layer of the edge, None if nothing is cut.
+
+    ``spacing`` is that of the lattice. Raise InputError if no sample is left, or a curve has more than two ends.
+    """
     inside = trim.value(samples) <= 0
     if not inside.any():
         raise InputError("trim leaves nothing of the zero set: it keeps the points where trim <= 0; change its sign.")
@@ -231,12 +239,14 @@ def _trim_samples(
     if not len(points):
         return samples[inside], None
     if field.dim == 2:
-        points = _ends(points, size)
-    return samples[inside | (away <= COVERING_SPACINGS * spacing)], layer(rim, points, COVERING_SPACINGS * spacing)
+        points = _distinct_ends(points, size)
+    return samples[inside | (away <= COVERING_SPACINGS * spacing)], build_layer(
+        rim, points, COVERING_SPACINGS * spacing
+    )
 
 
-def _ends(points: Floats, size: float) -> Floats:
-    """Return the different ones of some points (n, 2), by increasing coordinates: the ends of a curve."""
+def _distinct_ends(points: Floats, size: float) -> Floats:
+    """Return the different ones of ``points`` (n, 2), by increasing coordinates; raise InputError for more than two."""
     ordered = points[np.lexsort(np.round(points.T[::-1] / (1e-6 * size)))]
     ends: Floats = ordered[np.append(True, norms(np.diff(ordered, axis=0)) > 1e-6 * size)]
     if len(ends) > 2:

@@ -23,7 +23,7 @@ def _dot(a, b):
 
 
 @inlined
-def _weights(gradients, i, first, second):
+def _gradient_weights(gradients, i, first, second):
     """Return w_0, w_1 such that v = sum w_k grad_k, in row ``i``, has grad_k . v equal to ``first``, ``second``."""
     g = gradients[0, i]
     a = _dot(g, g)
@@ -36,14 +36,14 @@ def _weights(gradients, i, first, second):
 
 
 @compiled
-def corrections(values, gradients, step, length):
+def fill_corrections(values, gradients, step, length):
     """Fill in the shortest steps (n, d) whose subtraction makes all fields vanish to first order, and lengths (n,).
 
     ``values`` (f, n) and ``gradients`` (f, n, d) are those of the f = 1 or 2 fields.
     """
     fields, n, d = gradients.shape
     for i in range(n):
-        first, second = _weights(gradients, i, values[0, i], values[fields - 1, i])
+        first, second = _gradient_weights(gradients, i, values[0, i], values[fields - 1, i])
         for k in range(d):
             step[i, k] = first * gradients[0, i, k]
             if fields == 2:
@@ -52,7 +52,7 @@ def corrections(values, gradients, step, length):
 
 
 @compiled
-def correct(q, done, rows, values, gradients, reach, least):
+def correct_points(q, done, rows, values, gradients, reach, least):
     """Move the points ``rows`` of ``q`` (n, d) by their corrections; return how many of the rows go on.
 
     Parameters
@@ -60,13 +60,16 @@ def correct(q, done, rows, values, gradients, reach, least):
     q : (n, d) float64
         Moved in place, but for steps longer than ``reach``.
     done : (n,) bool
-        Set where the step is no longer than ``least``.
+        Set in place where the step is no longer than ``least``.
     rows : (r,) int64
         The first of them are overwritten by those that go on.
     values, gradients : (f, r), (f, r, d) float64
+        Of the f fields at the points ``rows``.
+    reach, least : float
+        Lengths.
     """
     step, length = np.empty(gradients.shape[1:]), np.empty(len(rows))
-    corrections(values, gradients, step, length)
+    fill_corrections(values, gradients, step, length)
     left = 0
     for i, row in enumerate(rows):
         if length[i] <= reach:  # False for NaN
@@ -80,17 +83,17 @@ def correct(q, done, rows, values, gradients, reach, least):
 
 
 @compiled
-def local_shapes(x, y, gradients, hessians, tangents, bending, force):
-    """Fill in the arrays of a ``LocalShape`` at the points ``y`` (n, d), seen from ``x`` (n, d)."""
+def fill_local_shapes(x, y, gradients, hessians, tangents, bending, force):
+    """Fill in a ``LocalShape`` of zero sets with these derivatives at ``y`` (n, d), seen from ``x`` (n, d)."""
     fields, n, d = gradients.shape
     m = d - fields
     across, normal, helper, hessian = np.empty(d), np.empty(d), np.empty(d), np.empty((d, d))
     for i in range(n):
-        _tangents(gradients, i, normal, helper, tangents[i])
+        _fill_tangents(gradients, i, normal, helper, tangents[i])
         for k in range(d):
             across[k] = x[i, k] - y[i, k]
         along = _dot(across, gradients[0, i]), _dot(across, gradients[fields - 1, i])
-        first, second = _weights(gradients, i, along[0], along[1])
+        first, second = _gradient_weights(gradients, i, along[0], along[1])
         for j in range(d):
             for k in range(d):
                 hessian[j, k] = first * hessians[0, i, j, k]
@@ -106,7 +109,7 @@ def local_shapes(x, y, gradients, hessians, tangents, bending, force):
 
 
 @inlined
-def _tangents(gradients, i, normal, helper, tangents):
+def _fill_tangents(gradients, i, normal, helper, tangents):
     """Fill in orthonormal vectors (m, d) at right angles to the gradients of row ``i``; the others (d,) are room."""
     fields, _, d = gradients.shape
     g = gradients[0, i]
@@ -130,7 +133,7 @@ def _tangents(gradients, i, normal, helper, tangents):
 
 @inlined
 def _unit_cross(a, b, out):
-    """Store the normalised cross product; NaN where it vanishes."""
+    """Store the normalised cross product of ``a`` and ``b`` in ``out``, all (3,); NaN where it vanishes."""
     out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     length = math.sqrt(_dot(out, out))
     for k in range(3):

@@ -14,9 +14,10 @@ def marching_simplices(lattice: SampleLattice) -> tuple[Floats, Ints]:
     """Return vertices (v, d) near the zero set, one on each crossed lattice edge, and cells (m, d) between them.
 
     A cell of the lattice is cut into d! simplices along its diagonal (Kuhn), so that the pieces of neighbours match.
+    The order of a cell's vertices has no meaning.
     """
     positive = lattice.values > 0
-    corners = _mixed_cells(positive)
+    corners = _crossed_cells(positive)
     pairs = []
     for path in permutations(range(positive.ndim)):
         steps = np.zeros((positive.ndim + 1, positive.ndim), dtype=np.int64)
@@ -29,11 +30,11 @@ def marching_simplices(lattice: SampleLattice) -> tuple[Floats, Ints]:
     # one number an edge: rows are sorted ten times slower
     ends, count = np.sort(edges, axis=2), positive.size
     crossed, cells = np.unique(ends[..., 0] * count + ends[..., 1], return_inverse=True)
-    return _crossings(lattice, np.stack(np.divmod(crossed, count), axis=1)), cells.reshape(-1, d).astype(np.int64)
+    return _edge_crossings(lattice, np.stack(np.divmod(crossed, count), axis=1)), cells.reshape(-1, d).astype(np.int64)
 
 
-def _mixed_cells(positive: np.ndarray) -> Ints:
-    """Return (m, d) the first corners of the cells with corners of both signs."""
+def _crossed_cells(positive: np.ndarray) -> Ints:
+    """Return (m, d) the first corners of the cells with corners of both signs; ``positive`` (n0, n1[, n2]) is bool."""
     count = np.zeros([n - 1 for n in positive.shape], dtype=np.int8)
     for corner in np.ndindex(*[2] * positive.ndim):
         count += positive[tuple(slice(c, n - 1 + c) for c, n in zip(corner, positive.shape, strict=True))]
@@ -41,7 +42,11 @@ def _mixed_cells(positive: np.ndarray) -> Ints:
 
 
 def _cut_edges(nodes: Ints, positive: np.ndarray) -> Ints:
-    """Return (m, d, 2): for each piece of the zero set in simplices (k, d + 1), the edges at which its corners lie."""
+    """Return (m, d, 2): for each piece of the zero set in simplices, the pairs of nodes between which its corners lie.
+
+    ``nodes`` (k, d + 1) are the corners of simplices, ``positive`` (k, d + 1) the signs there. Two triangles cut a
+    tetrahedron with two corners of each sign.
+    """
     d = nodes.shape[1] - 1
     order = np.argsort(positive, axis=1, kind="stable")
     sorted_nodes = np.take_along_axis(nodes, order, axis=1)
@@ -58,8 +63,8 @@ def _cut_edges(nodes: Ints, positive: np.ndarray) -> Ints:
     return np.concatenate(pieces)
 
 
-def _crossings(lattice: SampleLattice, edges: Ints) -> Floats:
-    """Return (v, d) where the values at the ends of the edges (v, 2), interpolated linearly, vanish."""
+def _edge_crossings(lattice: SampleLattice, edges: Ints) -> Floats:
+    """Return (v, d) where the values at the ends of ``edges`` (v, 2), pairs of nodes, vanish, interpolated linearly."""
     ends = [np.stack(np.unravel_index(edges[:, k], lattice.values.shape), axis=1) for k in (0, 1)]
     first, second = (lattice.values.ravel()[edges[:, k]] for k in (0, 1))
     share = (first / (first - second))[:, None]

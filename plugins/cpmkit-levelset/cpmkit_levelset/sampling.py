@@ -42,7 +42,7 @@ class SampleLattice:
 
 
 def sample_lattice(field: Field, bounds: Floats, spacing: float) -> SampleLattice:
-    """Return a lattice that fits into ``bounds``, spaced by at most ``spacing``, with the values of ``field`` on it.
+    """Return a lattice that fills ``bounds`` (2, d), spaced by at most ``spacing``, with the values of ``field`` on it.
 
     Raise InputError if a value is not finite.
     """
@@ -51,7 +51,7 @@ def sample_lattice(field: Field, bounds: Floats, spacing: float) -> SampleLattic
     cells = np.maximum(np.ceil(extent / spacing - 1e-9).astype(int), 1)
     lattice = SampleLattice(bounds[0], extent / cells, np.zeros(tuple(cells + 1)))
     nodes = lattice.nodes
-    values = in_chunks(field.value, nodes)
+    values = evaluate_chunked(field.value, nodes)
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         raise InputError(
@@ -62,7 +62,7 @@ def sample_lattice(field: Field, bounds: Floats, spacing: float) -> SampleLattic
 
 
 def surface_samples(zero_set: ZeroSet, lattice: SampleLattice) -> Floats:
-    """Return points (n, d) of the level set, at least one within ``COVERING_SPACINGS`` spacings of each of its points.
+    """Return points (n, d) of the level set, one within 0.7 spacings (``COVERING_SPACINGS``) of each of its points.
 
     Every node that is about half a cell's diagonal or less from the level set, to first order, is moved onto it: each
     point of the level set has such a node. Where phi vanishes together with its gradient nothing is found: that is not
@@ -70,7 +70,7 @@ def surface_samples(zero_set: ZeroSet, lattice: SampleLattice) -> Floats:
     """
     nodes = lattice.nodes
     reach = float(norms(lattice.spacing[None])[0])
-    near = in_chunks(zero_set.distance_estimate, nodes) <= 0.55 * reach
+    near = evaluate_chunked(zero_set.distance_estimate, nodes) <= 0.55 * reach
     points, converged = zero_set.project(nodes[near], 0.55 * reach)
     points = points[converged]
     if not len(points):
@@ -85,7 +85,7 @@ def surface_samples(zero_set: ZeroSet, lattice: SampleLattice) -> Floats:
 def exit_points(lattice: SampleLattice, keep: Bools) -> Floats:
     """Return points (n, d) where the level set leaves the bounds: nodes of the outside beside a change of sign.
 
-    Only changes between two nodes that are both in ``keep`` (number of nodes,) count.
+    Only changes between two nodes that are both in ``keep``, (number of nodes,) bool, count.
     """
     positive, kept = lattice.values > 0, keep.reshape(lattice.values.shape)
     hit = np.zeros(positive.shape, dtype=bool)
@@ -94,12 +94,14 @@ def exit_points(lattice: SampleLattice, keep: Bools) -> Floats:
             tuple(part if k == axis else slice(None) for k in range(positive.ndim))
             for part in (slice(1, None), slice(None, -1))
         )
-        hit[behind] |= (positive[ahead] != positive[behind]) & kept[ahead] & kept[behind] & _outside(positive, axis)
+        hit[behind] |= (
+            (positive[ahead] != positive[behind]) & kept[ahead] & kept[behind] & _boundary_edges(positive, axis)
+        )
     return lattice.nodes[hit.ravel()]
 
 
-def _outside(values: Bools, axis: int) -> Bools:
-    """Return which lattice edges along ``axis`` lie in the outside of the lattice."""
+def _boundary_edges(values: Bools, axis: int) -> Bools:
+    """Return which lattice edges along ``axis`` lie in the boundary; of the shape of ``values``, less 1 along axis."""
     shape = list(values.shape)
     shape[axis] -= 1
     outside = np.ones(shape, dtype=bool)
@@ -107,7 +109,7 @@ def _outside(values: Bools, axis: int) -> Bools:
     return outside
 
 
-def in_chunks(function: Callable[[Floats], Floats], points: Floats) -> Floats:
-    """Return the values (n,) of a function of points, evaluated some thousand at a time."""
+def evaluate_chunked(function: Callable[[Floats], Floats], points: Floats) -> Floats:
+    """Return the values (n,) of a function of points (n, d), evaluated 32768 at a time; empty for no points."""
     parts = [function(points[start : start + FIELD_CHUNK_ROWS]) for start in range(0, len(points), FIELD_CHUNK_ROWS)]
     return np.concatenate(parts) if parts else np.zeros(0)

@@ -4,7 +4,7 @@ Each point of the zero set has a sample within the covering radius r. Around a s
 query x is, to second order, |x - s|^2 - 2 F u + u M u in tangential coordinates u, and its least value over |u| <= r
 bounds the distance to all points that have s as their sample. When a point has been found, only samples whose bound is
 below its distance can lead to a nearer one. These are tried, but for those whose model has its minimum where the search
-has been. A query is doubtful where not all could be tried, or where the surface bends too much for its samples.
+has been. A query is doubtful where not all could be tried, or where the surface curves too much for its samples.
 """
 
 from __future__ import annotations
@@ -17,9 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpmkit.plugin import Bools, Floats, Ints, norms
-from cpmkit_levelset.descent import descend
+from cpmkit_levelset.descent import minimize_distance
 from cpmkit_levelset.manifold import ZeroSet, normal_basis
-from cpmkit_levelset.sample_kernels import choose_starts, clear_samples_near, discard_untried, fill_models, keep_nearest
+from cpmkit_levelset.sample_kernels import (
+    choose_starts,
+    clear_nearby_samples,
+    discard_untried,
+    fill_models,
+    keep_nearest,
+)
 
 #: How many of the nearest samples are looked at: first by every query, then by those for which that was too few.
 SAMPLE_TIERS = (12, 192)
@@ -68,8 +74,8 @@ class Layer:
         Of the samples.
     tangents : (k, m, d) float64
         Principal directions at the samples, of unit length.
-    bends : (k, m, d) float64
-        Their curvature vectors: along direction i, M is 1 - bends_i . (x - s).
+    curvatures : (k, m, d) float64
+        Their curvature vectors: along direction i, M is 1 - curvatures_i . (x - s).
     covering : float
         Each point of the zero set has a sample within this distance.
     """
@@ -78,44 +84,44 @@ class Layer:
     samples: Floats
     tree: Any
     tangents: Floats
-    bends: Floats
+    curvatures: Floats
     covering: float
 
     @cached_property
-    def geometry(self) -> Floats:
+    def largest_curvatures(self) -> Floats:
         """(k,) the largest curvature at the samples."""
-        bend: Floats = norms(self.bends).max(axis=1, initial=0.0)
-        return bend
+        largest_curvatures: Floats = norms(self.curvatures).max(axis=1, initial=0.0)
+        return largest_curvatures
 
     @cached_property
     def rough(self) -> Bools:
-        """(k,) at which samples the zero set bends too much for the models."""
-        rough: Bools = ~(self.geometry * self.covering * ROUGH_RADIUS_COVERINGS <= 1.0)
+        """(k,) at which samples the zero set's radius of curvature is below the covering radius: models fail."""
+        rough: Bools = ~(self.largest_curvatures * self.covering * ROUGH_RADIUS_COVERINGS <= 1.0)
         return rough
 
     def models(self, x: Floats, gap: Floats, near: Ints) -> Models:
-        """Return the models of the samples ``near`` (n, k) at the queries ``x`` (n, d), whose distances are ``gap``."""
+        """Return the models of samples ``near`` (n, k) at queries ``x`` (n, d), whose distances are ``gap`` (n, k)."""
         models = Models(np.empty(near.shape), np.empty((*near.shape, x.shape[1])), np.empty(near.shape, dtype=bool))
-        of_samples = self.samples, self.tangents, self.bends, self.geometry, self.covering
+        of_samples = self.samples, self.tangents, self.curvatures, self.largest_curvatures, self.covering
         fill_models(x, gap, near, *of_samples, MODEL_SHARES, *models)
         return models
 
 
 @dataclass(frozen=True, eq=False)
 class BestPoints:
-    """The nearest points found (n, d), their distances (n,), infinite for none, and (n,) which are certain."""
+    """The nearest points (n, d), NaN for none, their distances (n,), infinite for none, and which are certain (n,)."""
 
     points: Floats
     distance: Floats
     sure: Bools
 
 
-def layer(zero_set: ZeroSet, samples: Floats, covering: float) -> Layer:
+def build_layer(zero_set: ZeroSet, samples: Floats, covering: float) -> Layer:
     """Return the layer of ``zero_set`` with ``samples`` (k, d), one within ``covering`` of each of its points."""
     from scipy.spatial import cKDTree
 
-    tangents, bends = _principal(zero_set, samples)
-    return Layer(zero_set, samples, cKDTree(samples), tangents, bends, covering)
+    tangents, curvatures = _principal_curvatures(zero_set, samples)
+    return Layer(zero_set, samples, cKDTree(samples), tangents, curvatures, covering)
 
 
 def find_nearest_points(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | None = None) -> BestPoints:
@@ -126,7 +132,7 @@ def find_nearest_points(where: Layer, x: Floats, known: Floats | None = None, ke
     where : Layer
     x : (n, d) float64
     known : (n,) float64, optional
-        Distances within which an answer is wanted; farther points are not looked for.
+        Distances within which an answer is wanted; where no point is nearer, the result is NaN at this distance.
     keep : callable, optional
         Of points (n, d): which belong to the manifold, (n,). Others are passed over.
     """
@@ -138,7 +144,7 @@ def find_nearest_points(where: Layer, x: Floats, known: Floats | None = None, ke
         last, most = count >= len(where.samples), min(count, len(where.samples))
         for some in np.array_split(rows, -(-len(rows) * most // PAIRS_IN_ONE_GO)) if len(rows) else ():
             before = BestPoints(points[some], distance[some], sure[some])
-            after = _descents(where, x[some], before, most, keep)
+            after = _descend_from_samples(where, x[some], before, most, keep)
             points[some], distance[some], sure[some] = after.points, after.distance, after.sure
         rows = rows[~sure[rows]]
         if last or not len(rows):
@@ -146,7 +152,7 @@ def find_nearest_points(where: Layer, x: Floats, known: Floats | None = None, ke
     return BestPoints(points, distance, sure)
 
 
-def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Keep | None) -> BestPoints:
+def _descend_from_samples(where: Layer, x: Floats, before: BestPoints, count: int, keep: Keep | None) -> BestPoints:
     """Return the best points after descents from those of the ``count`` nearest samples that may lead nearer.
 
     ``before`` are those known for the queries ``x`` (n, d), ``keep`` as for :func:`find_nearest_points`.
@@ -156,7 +162,7 @@ def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Kee
     starts, n = where.samples[near], len(x)
     points, best = before.points.copy(), before.distance.copy()
     reach = SAME_BASIN_COVERINGS * where.covering
-    clear_samples_near(untried, minimum, starts, np.arange(n), points, reach)
+    clear_nearby_samples(untried, minimum, starts, np.arange(n), points, reach)
     untried[:, 0] |= np.isinf(best)  # some point must be found, whatever the models say
     sure, failed, room = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.full(n, LEVELSET_DESCENTS)
     active, most = np.arange(n), 1
@@ -168,9 +174,9 @@ def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Kee
         rows, columns = np.empty((2, most * len(active)), dtype=np.int64)
         chosen = choose_starts(untried, minimum, starts, active, room, most, reach, rows, columns)
         rows, columns, most = rows[:chosen], columns[:chosen], LEVELSET_DESCENTS
-        foot, converged = descend(where.zero_set, x[rows], starts[rows, columns], 2 * where.covering)
+        foot, converged = minimize_distance(where.zero_set, x[rows], starts[rows, columns], 2 * where.covering)
         failed[rows[~converged]] = True
-        clear_samples_near(untried, minimum, starts, rows, foot, reach)
+        clear_nearby_samples(untried, minimum, starts, rows, foot, reach)
         distance = norms(x[rows] - foot)
         if keep is not None:
             distance = np.where(keep(foot), distance, np.inf)
@@ -181,16 +187,16 @@ def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Kee
 
 
 def _may_be_nearer(gap: Floats, lowest: Floats, best: Floats) -> Bools:
-    """Return (n,) whether gap^2 + lowest <= best^2, True for NaN."""
+    """Return (n,) whether gap^2 + lowest <= best^2, all (n,), True for NaN."""
     with np.errstate(all="ignore"):
         # (gap - best) (gap + best), because the squares of far queries differ by less than they are rounded
         return ~((gap - best) * (gap + best) + lowest > 0)
 
 
-def _principal(zero_set: ZeroSet, samples: Floats) -> tuple[Floats, Floats]:
-    """Return principal directions and their curvature vectors, each (k, m, d), at points of the zero set."""
+def _principal_curvatures(zero_set: ZeroSet, samples: Floats) -> tuple[Floats, Floats]:
+    """Return principal directions and their curvature vectors, each (k, m, d), at ``samples`` (k, d)."""
     normals = normal_basis([field.gradient(samples)[1] for field in zero_set.fields])
-    shapes = [zero_set.shape(samples + normal, samples) for normal in normals]
+    shapes = [zero_set.local_shape(samples + normal, samples) for normal in normals]
     tangents = shapes[0].tangents
     if tangents.shape[1] == 2:
         bending = shapes[0].bending
@@ -198,9 +204,9 @@ def _principal(zero_set: ZeroSet, samples: Floats) -> tuple[Floats, Floats]:
         cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
         first, second = tangents[:, 0], tangents[:, 1]
         tangents = np.stack([cosine * first + sine * second, cosine * second - sine * first], axis=1)
-    bends = np.zeros_like(tangents)
+    curvatures = np.zeros_like(tangents)
     for normal, shape in zip(normals, shapes, strict=True):
         along = np.einsum("nai,nbi->nab", tangents, shape.tangents, optimize=False)
         bending = np.einsum("nab,nbc,nac->na", along, shape.bending, along, optimize=False)
-        bends -= bending[:, :, None] * normal[:, None]
-    return tangents, bends
+        curvatures -= bending[:, :, None] * normal[:, None]
+    return tangents, curvatures

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cpmkit_levelset.descent import descend
+from cpmkit_levelset.descent import minimize_distance
 from cpmkit_levelset.formulas import FormulaField
 
 import cpmkit as ck
@@ -62,7 +62,7 @@ def test_a_ridge_between_two_basins_is_left_in_few_steps(height, counted):
     surface, r = ck.source("levelset.expression", **FLAT), 0.9
     x = np.array([[r, 0.0, height]])
     counted.clear()
-    foot, converged = descend(surface.surface.zero_set, x, np.array([[1.0, 0.0, 0.0]]), 0.05)
+    foot, converged = minimize_distance(surface.surface.zero_set, x, np.array([[1.0, 0.0, 0.0]]), 0.05)
     assert len(counted) <= 45
     assert converged.all()
     across = r / (1 - 0.01)

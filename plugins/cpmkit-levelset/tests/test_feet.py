@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cpmkit_levelset.descent import descend
+from cpmkit_levelset.descent import minimize_distance
 
 import cpmkit as ck
 
@@ -64,7 +64,7 @@ def test_no_start_from_a_dense_cloud_leads_to_a_nearer_point(kind):
     size = np.linalg.norm(np.ptp(surface.bounds, axis=0))
     _, near = dense.tree.query(x, 8)
     for start in near.T:
-        other, _ = descend(dense.zero_set, x, dense.samples[start], 0.1 * size)
+        other, _ = minimize_distance(dense.zero_set, x, dense.samples[start], 0.1 * size)
         assert (feet.distance <= np.linalg.norm(x - other, axis=1) + 1e-12 * size).all()
 
 
