@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.plugin import Floats, InputError, shown
+from cpmkit.plugin import Floats, InputError, place, shown
 from cpmkit_pointcloud.blend import REACHED_NEIGHBOURS, blend_patches, shrink_patches
 from cpmkit_pointcloud.cloud import OrientedPointCloud, PointCloud
 from cpmkit_pointcloud.nearest import NearestSamples
@@ -97,8 +97,8 @@ def _neighbour_count(degree: Any, neighbours: Any, dim: int) -> int:
 def _fit_cloud(cloud_points: Floats, normals: Floats | None, degree: int, count: int, closed: bool) -> PointCloud:
     """Return the cloud of patches of ``degree``, each fitted to ``count`` samples, through ``cloud_points`` (n, d).
 
-    ``normals`` (n, d) are unit vectors or None. Raise InputError if fewer than d + 1 points differ, or the cloud is
-    open and ``closed`` is true.
+    ``normals`` (n, d) are unit vectors or None. Raise InputError if fewer than d + 1 points differ, a normal is opposite
+    to those of all neighbours, or the cloud is open and ``closed`` is true.
     """
     first = distinct_point_rows(cloud_points)
     points, dim = cloud_points[first], cloud_points.shape[1]
@@ -111,6 +111,13 @@ def _fit_cloud(cloud_points: Floats, normals: Floats | None, degree: int, count:
     count = min(count, len(points))
     rows = np.arange(len(points))
     around = neighbourhoods(points, build_kd_tree(points), count, normals, rows)
+    alone = np.flatnonzero((around == rows[:, None]).all(axis=1))
+    if len(alone):
+        raise InputError(
+            f"normals must point to one side of the surface; at {len(alone)} points, the first at "
+            f"{place(points[alone[0]])}, all neighbours have the opposite normal; turn those normals, or leave "
+            "normals out."
+        )
     patches = fit_patches(points, around, degree, rows)
     reached = FIT_NEIGHBOURS[2][4] if dim == 2 else REACHED_NEIGHBOURS
     share = min(1.0, (reached / count) ** (1.0 / (dim - 1)))

@@ -196,6 +196,7 @@ def test_a_cloud_of_few_points_is_a_plane():
         ({"points": [[0.0, np.nan], [2.0, 1.0]]}, "points must be finite: 1 of 2"),
         ({"points": np.zeros((30, 3))}, "at least 4 points that differ, got 1"),
         ({"points": BALL, "normals": BALL[1:]}, "normals must have the shape of the points"),
+        ({"points": BALL, "normals": np.vstack([-BALL[:1], BALL[1:]])}, "at 1 points, .* the opposite normal"),
         ({"points": BALL, "normals": 0 * BALL}, "normals must not be zero: 2000 of 2000"),
     ],
 )
