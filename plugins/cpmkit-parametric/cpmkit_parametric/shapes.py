@@ -170,12 +170,14 @@ def klein(*, radius: Any = 2.0, width: Any = 1.0, translation: Any = None) -> Su
     radius : number
         Of the circle along which the figure of eight moves, above zero.
     width : number
-        Size of the figure of eight, above zero and below ``radius``.
+        Size of the figure of eight, above zero and below 0.8 times ``radius``, as the figure reaches to 1.25 times it.
     translation : (3,) numbers, optional
     """
     R, w = positive(radius, "radius"), positive(width, "width")
-    if w >= R:
-        raise InputError(f"width must be smaller than radius, got {w:g} and {R:g}.")
+    if w >= 0.8 * R:
+        raise InputError(
+            f"width must be below 0.8 times radius, {0.8 * R:g}, got {w:g}: the surface would reach the axis."
+        )
     around = f"({R!r} + {w!r}*(cos(u/2)*sin(v) - sin(u/2)*sin(2*v)))"
     return surface(
         x=[f"{around}*cos(u)", f"{around}*sin(u)", f"{w!r}*(sin(u/2)*sin(v) + cos(u/2)*sin(2*v))"],

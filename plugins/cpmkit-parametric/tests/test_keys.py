@@ -68,7 +68,7 @@ BAD = [
     ("revolution", {"profile": ["u", "t"], "range": [0, 1]}, "uses 'u'"),
     ("revolution", {"profile": ["t", "t"], "range": [-1, 1]}, "profile must keep a distance from the axis"),
     ("moebius", {"half_width": 1.0}, "half_width must be smaller than radius"),
-    ("klein", {"width": 3.0}, "width must be smaller than radius"),
+    ("klein", {"radius": 1.0, "width": 0.85}, "width must be below 0.8 times radius"),
     ("moebius", {"halfwidth": 1.0}, "unknown key 'halfwidth'"),
 ]
 
