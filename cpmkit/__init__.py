@@ -21,7 +21,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.errors import PluginError as PluginError
     from cpmkit.errors import ResolutionError as ResolutionError
     from cpmkit.errors import SceneError as SceneError
-    from cpmkit.explaining import explain as explain
     from cpmkit.facade import EigenSolution as EigenSolution
     from cpmkit.facade import Solution as Solution
     from cpmkit.facade import pick_line as pick_line
@@ -69,6 +68,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.solution.boundary_points import normals_at as normals_at
     from cpmkit.solving import discretize as discretize
     from cpmkit.solving import estimate_error as estimate_error
+    from cpmkit.solving import explain as explain
     from cpmkit.solving import solve as solve
 
 __version__ = "0.1.0"
@@ -85,7 +85,6 @@ _PUBLIC = {
         "ResolutionError",
         "SceneError",
     ),
-    "explaining": ("explain",),
     "facade": ("EigenSolution", "Solution", "pick_line"),
     "families.steady": ("assemble",),
     "forms.field": ("Field",),
@@ -106,7 +105,7 @@ _PUBLIC = {
     "scenefile.kinds": ("kinds",),
     "scenefile.scene_files": ("load_scene",),
     "solution.boundary_points": ("boundary_points", "directions_along", "normals_at"),
-    "solving": ("discretize", "estimate_error", "solve"),
+    "solving": ("discretize", "estimate_error", "explain", "solve"),
 }
 
 __all__ = sorted(name for names in _PUBLIC.values() for name in names)

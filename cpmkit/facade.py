@@ -54,13 +54,13 @@ class Solution(SolutionRecord):
         return error_of(self)
 
     def save(self, path: str | Path, vertices: str = "display", **options: Unpack[SavingKeywords]) -> None:
-        """Write the solution to ``path`` in the format of its suffix; see :func:`cpmkit.saving.export.save`.
+        """Write the solution to ``path`` in the format of its suffix; see :func:`cpmkit.saving.saved_solutions.save`.
 
         An existing file is replaced completely or not at all. ``vertices="own"`` writes a mesh file with the
         vertices and cells that the surface was made from; ``options`` are those of :meth:`picture` for
         films and pages, and ``fps`` of films, the frames per second (12 by default).
         """
-        from cpmkit.saving.export import save
+        from cpmkit.saving.saved_solutions import save
 
         save(self, path, vertices, **options)
 

@@ -14,7 +14,7 @@ from cpmkit.facade import Solution
 from cpmkit.files.plain_values import record_from_table
 from cpmkit.forms.choice import RENAMED_OPTIONS, module_of, options_of
 from cpmkit.forms.contract import Discretized
-from cpmkit.forms.free_constants import Imbalance
+from cpmkit.forms.data_checks import Imbalance
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.saving.saved_solutions import check_same_scene, other_scene_error, read_solution
 from cpmkit.scene.scene import Scene

@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from cpmkit.hookspecs import hookimpl as hookimpl
     from cpmkit.linear.operators import Border as Border
     from cpmkit.linear.operators import CsrOperator as CsrOperator
-    from cpmkit.linear.protocols import LinearSolver as LinearSolver
-    from cpmkit.linear.protocols import Operator as Operator
-    from cpmkit.linear.protocols import PreparedSolver as PreparedSolver
-    from cpmkit.linear.protocols import Stiffness as Stiffness
+    from cpmkit.linear.operators import LinearSolver as LinearSolver
+    from cpmkit.linear.operators import Operator as Operator
+    from cpmkit.linear.operators import PreparedSolver as PreparedSolver
+    from cpmkit.linear.operators import Stiffness as Stiffness
     from cpmkit.linear.residuals import SolveReport as SolveReport
     from cpmkit.linear.residuals import judge as judge
     from cpmkit.manifold.abilities import MOST_EDGES as MOST_EDGES
@@ -251,7 +251,7 @@ GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "types": ("SIDES",),
     },
     "Linear solvers": {
-        "linear.protocols": ("LinearSolver", "Operator", "PreparedSolver"),
+        "linear.operators": ("LinearSolver", "Operator", "PreparedSolver"),
         "linear.residuals": ("SolveReport", "judge"),
     },
     "Forms and back ends": {
@@ -260,8 +260,7 @@ GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "forms.form_records": ("FormTraits", "StateFlux"),
         "forms.galerkin.cut_mesh": ("CutMesh", "cut_along_boundaries"),
         "grid.spacings": ("needed_spacing",),
-        "linear.operators": ("Border", "CsrOperator"),
-        "linear.protocols": ("Stiffness",),
+        "linear.operators": ("Border", "CsrOperator", "Stiffness"),
         "manifold.abilities": ("warnings_of",),
         "mesh.normals_of_mesh": ("edge_support", "vertex_normals"),
         "scene.boundary": ("BoundarySet", "named_sides"),

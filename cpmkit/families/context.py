@@ -17,9 +17,8 @@ from cpmkit.errors import InputError, shown
 from cpmkit.files.whole_files import check_name, check_place
 from cpmkit.forms.contract import Discretized, FormValues
 from cpmkit.linear.constant_functions import ConstantFunctions
-from cpmkit.linear.operators import Bordered
+from cpmkit.linear.operators import Bordered, LinearSolver, Operator, PreparedSolver, Stiffness
 from cpmkit.linear.preconditioned import PreconditionedGMRES
-from cpmkit.linear.protocols import LinearSolver, Operator, PreparedSolver, Stiffness
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.options import DeclaredOptions, option

@@ -22,11 +22,10 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.families.context import PreparedSystem, SolveContext, times_mass, with_border
 from cpmkit.forms.contract import Discretized, require_ability
-from cpmkit.forms.free_constants import Imbalance, balanced_solution
+from cpmkit.forms.data_checks import Imbalance, balanced_solution
 from cpmkit.linear.constant_functions import ConstantFunctions
-from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.linear.operators import Bordered, ComplexShift, CsrOperator, as_bordered
-from cpmkit.linear.protocols import Operator, Stiffness
+from cpmkit.linear.multigrid.solver import Level
+from cpmkit.linear.operators import Bordered, ComplexShift, CsrOperator, Operator, Stiffness, as_bordered
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.scene.compound_equations import Biharmonic, Coupled
 from cpmkit.scene.equations import Terms

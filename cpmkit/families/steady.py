@@ -11,9 +11,8 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError
 from cpmkit.families.context import PreparedSystem, SolveContext, operator_key, surely_positive, times_mass, with_border
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.operators import LinearSystem
+from cpmkit.linear.operators import LinearSystem, PreparedSolver, Stiffness
 from cpmkit.linear.preconditioned import stop_by_preconditioned_residual
-from cpmkit.linear.protocols import PreparedSolver, Stiffness
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.scene.diffusivities import StateDiffusivity, mean_diffusivity
 from cpmkit.scene.equations import Terms

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
+from cpmkit.forms.data_checks import Imbalance, balanced_solution, free_pieces
 from cpmkit.forms.form_records import (
     Diagnosis,
     ExpectedError,
@@ -27,9 +28,7 @@ from cpmkit.forms.form_records import (
     StateDependentCoefficient,
     StateFlux,
 )
-from cpmkit.forms.free_constants import Imbalance, balanced_solution, free_pieces
-from cpmkit.linear.operators import Border, Bordered
-from cpmkit.linear.protocols import Operator, Stiffness
+from cpmkit.linear.operators import Border, Bordered, Operator, Stiffness
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.runtime.arrays import as_points
@@ -84,10 +83,8 @@ class FormOperators(ABC):
     def check(self, solver: str) -> None:
         """Raise if the form cannot solve the problem by the linear solver named ``solver``; by default never raise.
 
-        Raises
-        ------
-        InputError, SceneError, ResolutionError
-            ResolutionError if memory does not suffice or the spacing is too coarse, with a spacing that would do.
+        Raises InputError, SceneError, or ResolutionError if memory does not suffice or the spacing is too coarse, with
+        a spacing that would do.
         """
 
     def with_scene(self, scene: Scene) -> Self:
@@ -113,10 +110,7 @@ class FormOperators(ABC):
     def stiffness(self, terms: Terms) -> Stiffness:
         """Return the operator A of the terms of an equation, and of the conditions.
 
-        Raises
-        ------
-        InputError, ResolutionError
-            If a coefficient is not accepted, or the spacing is too coarse for it.
+        Raises InputError if a coefficient is not accepted, ResolutionError if the spacing is too coarse for it.
         """
 
     def advection(self, field: StateDependentCoefficient) -> Operator:
@@ -197,14 +191,8 @@ class FormValues(FormOperators):
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
         """Return the unknowns (n, channels) whose values at the points are nearest to ``values`` (p, channels).
 
-        Parameters
-        ----------
-        values : (p, channels) float64
-            Values at the points.
-        start : (n, channels) float64, optional
-            Unknowns that are kept as far as the values at the points do not determine them.
-        time : float, optional
-            The time of the conditions' data; by default the start of the problem.
+        ``start`` (n, channels) are unknowns that are kept as far as the values at the points do not determine them.
+        ``time`` is the time of the conditions' data, by default the start of the problem.
         """
 
     #: The former name of :meth:`project`.
@@ -222,18 +210,9 @@ class FormValues(FormOperators):
     ) -> Floats:
         """Return the unknowns (n, channels) that represent ``data`` at ``time`` and satisfy the conditions.
 
-        Parameters
-        ----------
-        data : Data
-            Data of the scene.
-        label : str
-            Name of the data in error messages.
-        time : float
-            The time of the data and of the conditions' data.
-        in_range : bool
-            Whether the unknowns stay within the range of data that the spacing does not resolve; ignored by default.
-        step : float
-            Above 0: ``data`` are rates du/dt, as are the conditions' data, by differences over it; ignored by default.
+        ``label`` is the name of the data in errors; ``time`` is also that of the conditions' data. Two arguments are
+        ignored by default: ``in_range``, whether the unknowns stay within the range of data that the spacing does not
+        resolve, and ``step``: above 0, ``data`` are rates du/dt, as are the conditions' data, by differences over it.
         """
         return self.project(self.data_at_points(data, label, time, self.scene.channels), time=time)
 
@@ -320,16 +299,9 @@ class Discretized(FormValues):
     ) -> Diagnosis:
         """Return the order of the error, reasons for slow convergence, and the unresolved share; by default order 2.
 
-        Parameters
-        ----------
-        coarser : Discretized, optional
-            The form of a solution on a coarser lattice, with which the solution is compared.
-        ratio : float
-            The coarser spacing over the spacing of this form.
-        difference : float
-            Root mean square of the difference of the two solutions, as a share of the range.
-        eigenvalues : bool
-            Whether the order of eigenvalues is returned.
+        ``coarser`` is the form of a solution with which this one is compared, on a lattice with ``ratio`` times the
+        spacing; ``difference`` is the root mean square of their difference, as a share of the range. With
+        ``eigenvalues`` the order of eigenvalues is returned.
         """
         return Diagnosis()
 

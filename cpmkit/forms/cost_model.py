@@ -11,10 +11,9 @@ from typing import Any, ClassVar, Generic
 import numpy as np
 
 from cpmkit.forms.options import Options, Own
-from cpmkit.grid.band import stencil_codes
+from cpmkit.grid.band import base_offset, stencil_codes
 from cpmkit.grid.lattice import Codes, cell_levels, nodes_of_blocks
 from cpmkit.grid.spacings import check_spacing_fits
-from cpmkit.grid.stencils import base_offset
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import html_table
@@ -171,12 +170,8 @@ class CostModel(ABC, Generic[Own]):
     def explain(self, solver: str, progress: Progress) -> Explanation:
         """Return the explanation of a solve, with counts from a dry run; large scenes are discretised more coarsely.
 
-        ``solver`` is "auto" or a name. ``progress`` is called with stages and the shares of them that are done.
-
-        Raises
-        ------
-        CpmkitError
-            The errors of a solve before its equations are assembled.
+        ``solver`` is "auto" or a name. ``progress`` is called with stages and the shares of them that are done. Raises
+        the errors of a solve before its equations are assembled.
         """
 
     def stored_bytes(self, work: Any) -> float:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.linear.protocols import Operator, PreparedSolver
+from cpmkit.linear.operators import Operator, PreparedSolver
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.types import Floats, Ints, Progress, no_progress
 

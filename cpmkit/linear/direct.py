@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.linear.operators import Border, Bordered, as_bordered, has_symmetric_pattern, scatter_matrix
-from cpmkit.linear.protocols import Operator
+from cpmkit.linear.operators import Border, Bordered, Operator, as_bordered, has_symmetric_pattern, scatter_matrix
 from cpmkit.linear.residuals import IndefiniteError, SolveReport, judge
 from cpmkit.types import Floats, Progress, SparseMatrix, no_progress
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import ConvergenceError
-from cpmkit.linear.protocols import Operator, PreparedSolver
+from cpmkit.linear.operators import Operator, PreparedSolver
 from cpmkit.linear.residuals import IndefiniteError, SolveReport, judge
 from cpmkit.types import Floats, Progress, no_progress
 

@@ -22,8 +22,7 @@ from cpmkit.errors import SceneError
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, uses_threads
 from cpmkit.linear.direct import factorize_symmetric
 from cpmkit.linear.krylov import KrylovSolver, conjugate_gradients, gmres, indefinite_error
-from cpmkit.linear.operators import as_bordered, without_border
-from cpmkit.linear.protocols import LinearSolver, Operator, PreparedSolver
+from cpmkit.linear.operators import LinearSolver, Operator, PreparedSolver, as_bordered, without_border
 from cpmkit.linear.residuals import IndefiniteError
 from cpmkit.types import Floats, Ints, Progress
 

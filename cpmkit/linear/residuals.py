@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError
-from cpmkit.linear.operators import as_bordered
-from cpmkit.linear.protocols import Operator
+from cpmkit.linear.operators import Operator, as_bordered
 from cpmkit.types import Floats
 
 

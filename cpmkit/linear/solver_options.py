@@ -10,8 +10,8 @@ from cpmkit.errors import InputError, shown
 from cpmkit.linear.direct import DirectSolver
 from cpmkit.linear.krylov import ReferenceSolver
 from cpmkit.linear.multigrid.solver import MultigridSolver
+from cpmkit.linear.operators import LinearSolver
 from cpmkit.linear.preconditioned import JacobiOrMultigrid, JacobiSolver
-from cpmkit.linear.protocols import LinearSolver
 from cpmkit.plugins import call_factory, factory, installed_kinds
 from cpmkit.runtime.arrays import positive, whole
 from cpmkit.runtime.messages import FORM_NAMES, did_you_mean

@@ -105,7 +105,7 @@ def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float
     ``dim``: 2 or 3.
     ``longest``: longest edge, in the unit of the positions.
     """
-    from cpmkit.mesh.subdivision_kernels import split_triangles
+    from cpmkit.mesh.mesh_kernels import split_triangles
 
     parts = []
     for corners in (3, 2):

@@ -70,10 +70,10 @@ def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
     ``middle`` (e,): the vertex in the middle of each edge, -1 for edges that stay whole.
     ``points`` (k, d): positions of the new vertices: the vertices in ``middle`` that the mesh does not have yet.
     """
-    from cpmkit.mesh import subdivision_kernels
+    from cpmkit.mesh import mesh_kernels
 
     vertices = np.concatenate([mesh.vertices, points])
-    cells = subdivision_kernels.split_triangles(np.ascontiguousarray(mesh.cells), mesh.edges.of_cells, middle, vertices)
+    cells = mesh_kernels.split_triangles(np.ascontiguousarray(mesh.cells), mesh.edges.of_cells, middle, vertices)
     middle_of_cut = np.append(middle, -1)[mesh.cut_edges]
     times = np.where(middle_of_cut >= 0, 2, 1)
     is_halved = np.flatnonzero(middle_of_cut >= 0)
@@ -158,7 +158,7 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, tuple[Ints, Ints] | 
 
     Pieces are longer than half of ``length``. The edges are as :func:`halve_long_edges` takes them; None if no needle.
     """
-    from cpmkit.mesh import subdivision_kernels
+    from cpmkit.mesh import mesh_kernels
 
     lengths_of_cells = mesh.lengths_of_cells
     width = np.maximum(lengths_of_cells.min(axis=1), length)
@@ -179,7 +179,7 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, tuple[Ints, Ints] | 
     between = (1 - share) * mesh.vertices[edges.ends[edge, 0]] + share * mesh.vertices[edges.ends[edge, 1]]
     vertices = np.concatenate([mesh.vertices, between])
     corners = np.take_along_axis(mesh.cells[needles], (tip[:, None] + np.arange(3)) % 3, 1)
-    pieces = subdivision_kernels.cut_needles(corners, long_sides, parts, edges.ends, 2**levels, divided.first, vertices)
+    pieces = mesh_kernels.cut_needles(corners, long_sides, parts, edges.ends, 2**levels, divided.first, vertices)
     cells = np.concatenate([np.delete(mesh.cells, needles, axis=0), pieces])
     split = replace(mesh, vertices=vertices, cells=cells)
     return _divide_boundary_facets(split, divided, mesh.cut_edges), divided.halvings()

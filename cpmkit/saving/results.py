@@ -13,8 +13,8 @@ from cpmkit.errors import CpmkitError, InputError
 from cpmkit.files.whole_files import check_place, explain_system_error
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_method
-from cpmkit.saving.export import FILMS, PAGE, check_file, draw_frames, frames_folder, save, write_summary
 from cpmkit.saving.mesh_files import MESH_WRITERS
+from cpmkit.saving.saved_solutions import FILMS, PAGE, check_file, draw_frames, frames_folder, save, write_summary
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.look import VERTICES, OutputRequest, check_links

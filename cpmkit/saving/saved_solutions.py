@@ -1,23 +1,37 @@
-"""Saved solutions: their arrays and their summary, checked before they are used."""
+"""Solutions written to files in the format of the suffix, and saved solutions, which are checked before use."""
 
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
+from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
 from cpmkit.files.plain_values import ANYTHING, TEXT, Kind, check_fields, list_of, numbers, table_of, whole_numbers
+from cpmkit.files.whole_files import explain_system_error, remove_leftovers, unfinished_name, write_png, written_whole
 from cpmkit.forms.choice import RENAMED_OPTIONS, every_option
-from cpmkit.saving.export import FORMAT_VERSION
+from cpmkit.manifold.abilities import HasMesh
+from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.mesh.mixed_cells import mesh_method
+from cpmkit.runtime.messages import install_command
+from cpmkit.saving.mesh_files import MESH_WRITERS, own_mesh, write_vtp
 from cpmkit.scene.scene import Scene
+from cpmkit.scenefile.look import VERTICES, Look, SavingKeywords, check_one_of
+from cpmkit.solution.display_mesh import given_mesh_of
+from cpmkit.solution.frames import EvolvedRecord, frames_of
+from cpmkit.solution.record import SolutionRecord
 from cpmkit.solution.summary import describe_scene
-from cpmkit.types import SIDES
+from cpmkit.types import SIDES, Floats
+from cpmkit.view.pictures import animate, check_film, frame_images
 
 SAVED_SOLUTION_WORDS = "a solution that was saved as .npz"
 #: The version of the format.
@@ -49,6 +63,11 @@ LATTICE_ARRAYS = (
 )
 #: The kind of any table.
 ANY_TABLE = table_of(ANYTHING)
+#: Version of the arrays in a .npz; :func:`cpmkit.load` reads no other.
+FORMAT_VERSION = 1
+#: Suffixes of films, of interactive pages, and all accepted suffixes.
+FILMS, PAGE = (".gif", ".mp4"), ".html"
+SUFFIXES = (*MESH_WRITERS, ".json", ".pvd", *FILMS, PAGE)
 
 
 def _is_boundary(table: Any) -> bool:
@@ -146,3 +165,180 @@ def _kinds(scene: Mapping[str, Any]) -> dict[str, Any]:
         for boundary in scene["boundaries"]
     ]
     return {"problem": scene["problem"]["kind"], "boundaries": kinds}
+
+
+def save(
+    solution: SolutionRecord, path: str | Path, vertices: str = "display", **options: Unpack[SavingKeywords]
+) -> None:
+    """Write ``solution`` to ``path``, whole or not at all; an existing file is replaced.
+
+    ========= ==================================================================================
+    suffix    contents
+    ========= ==================================================================================
+    ``.vtp``  the mesh for ParaView: triangles, lines and points with point data ``u`` and, where there are
+              three channels, ``rgb``, and, where the error was estimated, ``error``, in the unit of u
+    ``.vtu``  the same as an unstructured grid
+    ``.ply``  its triangles and all its vertices, with a property ``u`` (of several channels ``u0``, ``u1``, ...) and a
+              colour per vertex: the three channels, or the first in viridis
+    ``.obj``  its vertices, each with a colour, triangles and lines
+    ``.csv``  a line of names, then one line per vertex: ``x,y,z,u``, in the plane ``x,y,u``
+    ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh and, where it was
+              estimated, ``error``, the lattice and its unknowns under names that begin with
+              ``lattice_``, and ``summary`` and ``format``; :func:`cpmkit.load` reads it
+    ``.json`` the summary: the problem, its cost and its result
+    ``.html`` one page that shows the solution in any browser, to be turned and zoomed
+    ``.pvd``  the frames of a problem in time, for ParaView: an index, and one ``.vtp`` per frame in a
+              folder beside it
+    ``.gif``  the frames as a film; ``.mp4`` too
+    ========= ==================================================================================
+
+    Parameters
+    ----------
+    solution : Solution
+    path : path
+    vertices : "display" or "own"
+        The mesh to write: that of pictures, as fine as the lattice and cut along the boundaries, or the mesh from which
+        the surface was made, with its vertices in their order; see :meth:`Solution.at_vertices`. Then ``.npz``
+        holds only ``points``, ``cells`` and ``values``.
+    **options
+        Options of ``.html``, ``.gif`` and ``.mp4``: those of :class:`~cpmkit.scenefile.look.Look`.
+
+    Raises
+    ------
+    InputError
+        If the suffix or an option is not accepted, the surface has no mesh, or the file cannot be written.
+    MissingDependencyError
+        If the format needs pyvista, imageio or matplotlib, which draws colours, and that is not installed.
+    """
+    path = Path(path)
+    check_file(path, solution.scene.surface, vertices)
+    suffix = path.suffix.lower()
+    if options and suffix not in (*FILMS, PAGE):
+        raise InputError(f"{', '.join(options)} are options of films and pages, and {path.name!r} is neither.")
+    if suffix == ".pvd":
+        return save_series(solution, path)
+    if suffix == ".json":
+        return write_summary(solution.summary(), path)
+    if suffix in FILMS:
+        animate(solution, path, **options)
+        return
+    with written_whole(path) as unfinished:
+        if suffix == PAGE:
+            from cpmkit.view.showing import page_of
+
+            of_page: Any = options  # options that pages do not have, such as fps, are refused
+            unfinished.write_text(page_of(solution, **of_page), encoding="utf-8")
+        elif vertices == "own":
+            MESH_WRITERS[suffix](own_mesh(solution), unfinished, None)
+        elif suffix == ".npz":
+            _save_npz(solution, unfinished)
+        else:
+            MESH_WRITERS[suffix](solution.display_mesh(), unfinished, _known_error(solution))
+
+
+def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "display") -> None:
+    """Check before anything is solved that solutions on ``surface`` can be saved as ``path``.
+
+    ``vertices`` is as for :func:`save`. Raises InputError or MissingDependencyError if :func:`save` would raise it for
+    every solution on the surface.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    check_one_of(vertices, VERTICES, "vertices")
+    if suffix not in SUFFIXES:
+        raise InputError(f"A solution cannot be saved as {path.name!r}; accepted are {', '.join(SUFFIXES)}.")
+    if suffix == ".json" or (suffix == ".npz" and vertices == "display"):
+        return
+    if suffix in MESH_WRITERS and vertices == "own":
+        given_mesh_of(surface)
+    else:
+        mesh_method(surface)
+    if suffix == ".ply" and surface.manifold_dim == 1:
+        raise InputError(
+            f"{path.name!r} would hold a curve, and PLY files hold no lines; accepted are .vtp, .obj, .csv, .npz."
+        )
+    if suffix in (".vtp", ".vtu", ".pvd") and find_spec("pyvista") is None:
+        raise MissingDependencyError(f"{suffix} files are written by pyvista; {install_command('view')} adds it.")
+    if suffix in FILMS:
+        check_film(path)
+
+
+def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
+    """Write the summary of a solution, plain values, as indented JSON; raise InputError if it cannot be written."""
+    with written_whole(Path(path)) as unfinished:
+        unfinished.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+
+
+def _save_npz(solution: SolutionRecord, path: Path) -> None:
+    """Write the .npz file ``path``: lattice and unknowns, summary and, if there is a mesh, the display mesh."""
+    arrays = {f"lattice_{name}": array for name, array in solution.arrays().items()}
+    arrays |= {"format": np.array(FORMAT_VERSION), "summary": np.array(json.dumps(solution.summary()))}
+    if isinstance(solution.scene.surface, HasMesh):
+        mesh = solution.display_mesh()
+        arrays |= {name: np.array(getattr(mesh, name)) for name in ("points", "cells", "values", "original")}
+        error = _known_error(solution)
+        arrays |= {} if error is None else {"error": error}
+    np.savez_compressed(path, **arrays)
+
+
+def _known_error(solution: SolutionRecord) -> Floats | None:
+    """Return the estimated error (v, channels) at the display mesh's vertices; None if it was not estimated."""
+    return solution.estimated.on_mesh(solution.display_mesh()) if solution.estimated else None
+
+
+def save_series(solution: SolutionRecord, path: Path) -> None:
+    """Write the frames of a problem in time: a .pvd index ``path``, and .vtp files in ``<name>_frames`` beside it.
+
+    All frames are written before the first one is moved to its place, and the index is written last, so that all files
+    of an index exist. Surplus frames of an earlier series are removed. Raises InputError if the solution has no frames,
+    or a file cannot be written.
+    """
+    frames = frames_of(solution, path.name)
+    assert isinstance(solution, EvolvedRecord)
+    folder = frames_folder(path)
+    unfinished = unfinished_name(folder)
+    names = [_numbered_path(Path("frame.vtp"), number, len(frames)).name for number in range(len(frames))]
+    try:
+        with explain_system_error(f"{folder} cannot be written"):
+            remove_leftovers(folder)
+            unfinished.mkdir()
+            for name, mesh in zip(names, solution.frame_meshes(), strict=True):
+                write_vtp(mesh, unfinished / name)
+            folder.mkdir(exist_ok=True)
+            for name in names:
+                os.replace(unfinished / name, folder / name)
+            for stale in {file.name for file in folder.glob("frame-*.vtp")} - {*names}:
+                (folder / stale).unlink(missing_ok=True)  # another thread may have removed it
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+    with written_whole(path) as index:
+        entries = [
+            f'    <DataSet timestep="{frame.time!r}" part="0" file={quoteattr(f"{folder.name}/{name}")}/>'
+            for frame, name in zip(frames, names, strict=True)
+        ]
+        lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *entries]
+        text = "\n".join([*lines, "  </Collection>", "</VTKFile>", ""])
+        index.write_text(text, encoding="utf-8", errors="surrogateescape")
+
+
+def frames_folder(path: Path) -> Path:
+    """Return the folder ``<name>_frames`` of the frames beside their .pvd index ``path``."""
+    return path.with_name(path.stem + "_frames")
+
+
+def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
+    """Draw the frames of a problem in time into ``<name>-0000.png``, ... beside ``path``, and return their paths.
+
+    They have a common colour bar. Raises InputError if the solution has no frames.
+    """
+    count = len(frames_of(solution, "a picture of each frame"))
+    files = [_numbered_path(path, number, count) for number in range(count)]
+    for file, image in zip(files, frame_images(solution, look), strict=True):
+        write_png(file, image / 255)
+    return files
+
+
+def _numbered_path(path: Path, number: int, count: int) -> Path:
+    """Return ``path`` with a hyphen and ``number`` before its suffix, in the digits of ``count`` - 1, at least four."""
+    digits = max(4, len(str(count - 1)))
+    return path.with_name(f"{path.stem}-{number:0{digits}}{path.suffix}")

@@ -1,7 +1,7 @@
 """Equations in time: diffusion with advection and reaction, and waves.
 
 ``heat`` u_t = div(kappa grad u) - v . grad u - c u + f, ``wave`` u_tt = speed^2 Lap u + f, from the time ``t0`` on.
-Time stepping is in :mod:`cpmkit.families.evolution.schemes`; there is no explicit scheme for heat, whose step would be
+Time stepping is in :mod:`cpmkit.families.evolution.stepping`; there is no explicit scheme for heat, whose step would be
 of the order of the square of the spacing.
 """
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.contract import Discretized
+from cpmkit.forms.data_checks import Imbalance
 from cpmkit.forms.form_records import MeasuredWork
-from cpmkit.forms.free_constants import Imbalance
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.scene import Scene

@@ -13,7 +13,7 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError, SceneError
 from cpmkit.facade import Solution
-from cpmkit.families.evolution.run_state import ROUNDED_STEP_SHARE
+from cpmkit.families.evolution.semidiscrete import ROUNDED_STEP_SHARE
 from cpmkit.files.whole_files import check_place
 from cpmkit.forms.choice import cost_model
 from cpmkit.forms.options import AccuracyTarget, lattice_options

@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit.cli import main
-from cpmkit.explaining import extrapolated_cost
+from cpmkit.solving import extrapolated_cost
 
 BALL = ck.source("analytic.sphere")
 RING = ck.Boundary("ring", ck.source("analytic.circle", normal=[0, 0, 1]), left=ck.Dirichlet(1), right=ck.Dirichlet(0))

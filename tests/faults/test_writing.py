@@ -22,8 +22,8 @@ from cpmkit.errors import InputError
 from cpmkit.files.whole_files import unfinished_name
 from cpmkit.plugin import no_progress, written_whole
 from cpmkit.runtime.progress import ProgressLine
-from cpmkit.saving.export import save
 from cpmkit.saving.results import write_results
+from cpmkit.saving.saved_solutions import save
 from cpmkit.scenefile.look import OutputRequest
 from cpmkit.studies.records import append_record, drop_unfinished_line
 

@@ -7,8 +7,8 @@ from model_problems import sphere_points
 
 import cpmkit as ck
 from cpmkit import ClosestPoints, build_band
+from cpmkit.grid.band import reading_radius, stencil_cells, tensor_offsets
 from cpmkit.grid.lattice import Codes
-from cpmkit.grid.stencils import reading_radius, stencil_cells, tensor_offsets
 from cpmkit.plugin import localize
 
 

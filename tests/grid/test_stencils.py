@@ -5,7 +5,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit import InputError
-from cpmkit.grid.stencils import (
+from cpmkit.grid.band import (
     reading_radius,
     stencil_cells,
     tensor_offsets,

@@ -26,7 +26,6 @@ CONTRACTS = {
     "errors",
     "laws",
     "operators",
-    "protocols",
     "residuals",
     "solve_report",
     "testing",

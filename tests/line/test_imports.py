@@ -34,7 +34,7 @@ def imported_by(statement):
         "import cpmkit",
         "import cpmkit.cli",
         "import cpmkit.plugin",
-        "import cpmkit.saving.export, cpmkit.view, cpmkit.solution.display_mesh, cpmkit.commands.doctor",
+        "import cpmkit.saving.saved_solutions, cpmkit.view, cpmkit.solution.display_mesh, cpmkit.commands.doctor",
         COMMAND.format(["--help"]),
         COMMAND.format(["solve", "--help"]),
         COMMAND.format(["plugins"]),

@@ -190,7 +190,7 @@ def test_an_interval_that_is_too_small_gives_no_wrong_answer(monkeypatch):
     monkeypatch.setattr("cpmkit.linear.csr_matrices.MIN_SHARED_ENTRIES", 0)  # matrices that all threads multiply
     monkeypatch.setenv("CPMKIT_THREADS", "2")
     for share in (0.8, 0.5, 0.3):
-        monkeypatch.setattr("cpmkit.linear.multigrid.cycle.EIGENVALUE_MARGIN", share)
+        monkeypatch.setattr("cpmkit.linear.multigrid.solver.EIGENVALUE_MARGIN", share)
         with pytest.raises(ConvergenceError) as caught:
             iterations(space, operator)
         assert not caught.value.report.converged

@@ -7,7 +7,7 @@ import pytest
 
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.plugin import written_whole
-from cpmkit.saving.export import check_file, save, write_summary
+from cpmkit.saving.saved_solutions import check_file, save, write_summary
 from cpmkit.solution.display_mesh import display_mesh
 
 pyvista = pytest.importorskip("pyvista")
@@ -107,7 +107,7 @@ def test_a_surface_without_a_mesh_is_refused_before_anything_is_solved():
 
 
 def test_without_pyvista_the_extra_is_named(square, monkeypatch):
-    monkeypatch.setattr("cpmkit.saving.export.find_spec", lambda name: None)
+    monkeypatch.setattr("cpmkit.saving.saved_solutions.find_spec", lambda name: None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'cpmkit\[view\]'"):
         check_file("u.vtp", square(2).surface)
 

@@ -132,7 +132,7 @@ READERS = {
 def test_the_mesh_of_the_pictures_is_written_alike(torus, tmp_path, suffix):
     solution = torus(0.3, channels=1)
     solution_file = tmp_path / f"display{suffix}"
-    from cpmkit.saving.export import save
+    from cpmkit.saving.saved_solutions import save
 
     save(solution, solution_file)
     points, triangles, values = READERS[suffix](solution_file)

@@ -6,7 +6,7 @@ from bare import Bare
 from model_problems import THETA_C, circle_jump, on_circle, order_of, origins, rotation, sphere_points
 
 import cpmkit as ck
-from cpmkit.grid.stencils import tensor_weights
+from cpmkit.grid.band import tensor_weights
 
 NORMAL, HEIGHT = rotation()[2], 0.3
 RADIUS = np.sqrt(1 - HEIGHT**2)

@@ -16,8 +16,8 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, InputError, SceneError
 from cpmkit.families.context import SolveContext, operator_key
 from cpmkit.linear.direct import factorize_symmetric
+from cpmkit.linear.operators import Operator, PreparedSolver, Stiffness
 from cpmkit.linear.preconditioned import PreconditionedCG
-from cpmkit.linear.protocols import Operator, PreparedSolver, Stiffness
 from cpmkit.linear.residuals import IndefiniteError
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.diffusivities import mean_diffusivity

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.families.evolution.run_state import (
+from cpmkit.families.evolution.semidiscrete import (
     REMEMBERED_MOMENTS,
     ROUNDED_STEP_SHARE,
     Moment,
     RunPlan,
     RunState,
+    SolveTally,
     after_step,
 )
-from cpmkit.families.evolution.semidiscrete import SolveTally
 from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
 from cpmkit.files.plain_values import record_from_table
 from cpmkit.files.whole_files import written_whole

@@ -8,8 +8,14 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.families.context import surely_positive
-from cpmkit.families.evolution.run_state import History, Moment, RunPlan, rate_of_change
-from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenvalue
+from cpmkit.families.evolution.semidiscrete import (
+    History,
+    Moment,
+    RunPlan,
+    SemiDiscrete,
+    largest_eigenvalue,
+    rate_of_change,
+)
 from cpmkit.forms.contract import Discretized
 from cpmkit.scene.compound_equations import ReactionDiffusion
 from cpmkit.scene.data import evaluate_data, takes_time

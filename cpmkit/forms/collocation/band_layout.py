@@ -1,6 +1,8 @@
-"""The layout of a scene: its unknowns (band nodes and ghosts), and the formula of the row of E that belongs to each.
+"""The layout of a scene (unknowns at band nodes and ghosts, formulas of their rows), and the matrix of these rows.
 
-The layout is made before the matrices, and nearly all closest point queries of a discretization with it.
+The layout is made before the matrices, and nearly all closest point queries of a discretization with it. The matrix
+interpolates the unknowns at points of the manifold, each read from its own side: the closest point extension E and the
+evaluation of a solution are this matrix.
 """
 
 from __future__ import annotations
@@ -17,18 +19,22 @@ from cpmkit.forms.collocation.ghosts.ghost_geometry import SIDE_READING_SPACINGS
 from cpmkit.forms.collocation.ghosts.ghosts import Ghosts, build_ghosts
 from cpmkit.forms.collocation.ghosts.nodes_past_edge import read_past_edge, separated_from_mirrors
 from cpmkit.forms.collocation.options import CollocationOptions
-from cpmkit.forms.collocation.row_formula import RowFormula
-from cpmkit.forms.collocation.selection import Unknowns
-from cpmkit.forms.collocation.side_view import BoundariesOnBand, put_on_lattice
+from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula
+from cpmkit.forms.collocation.selection import Centres, Unknowns
+from cpmkit.forms.collocation.side_view import BoundariesOnBand, SideView, put_on_lattice
 from cpmkit.forms.collocation.twins import separate_sheets
 from cpmkit.forms.collocation.unresolved_places import UnresolvedPlace, find_meetings, find_mixed_sides
 from cpmkit.forms.options import Options
-from cpmkit.grid.band import Band, build_band
+from cpmkit.grid.band import Band, build_band, reading_radius, stencil_cells, stencil_nodes, tensor_weights
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, Lattice, lattice_of
-from cpmkit.grid.stencils import reading_radius
+from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
 from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Progress, no_progress
+from cpmkit.types import Floats, Progress, SparseMatrix, no_progress
+
+#: Number of rows that are built at a time, so that their memory is small compared with the matrix.
+EXTENSION_CHUNK_ROWS = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,3 +149,90 @@ def _sources_of_nodes(boundaries: BoundariesOnBand, band: Band) -> RowFormula:
             points[chosen.rows], coefficient[chosen.rows] = formula.points, formula.coefficient
             terms += [replace(term, rows=chosen.rows[term.rows]) for term in formula.terms]
     return RowFormula(points, coefficient, (), terms)
+
+
+def extension_matrix(
+    unknowns: Unknowns,
+    points: Floats,
+    centres: Centres,
+    coefficient: Floats | None = None,
+    progress: Progress = no_progress,
+) -> SparseMatrix:
+    """Return the matrix (n, unknowns) that interpolates the unknowns at ``points`` of the manifold.
+
+    ``unknowns``: unknowns of the band that is interpolated in.
+    ``points`` (n, d): points of the manifold, relative to the lattice's origin.
+    ``centres``: the side of each boundary, and the sheet, that each point is on.
+    ``coefficient`` (n,): factor of each row, by default 1.
+    ``progress``: called with the stage "tables" and the share of it that is done.
+
+    Raises ResolutionError if a stencil leaves the band, which happens only if the source breaks its contract.
+    """
+    band, n = unknowns.band, len(points)
+    width = (band.degree + 1) ** band.dim
+    # King et al. (2024), eq. 1, at any points of the manifold.
+    weights = np.empty((n, width))
+    columns = np.empty((n, width), dtype=np.int32)
+    for start in range(0, n, EXTENSION_CHUNK_ROWS):
+        rows = np.arange(start, min(start + EXTENSION_CHUNK_ROWS, n))
+        cells, fractions = stencil_cells(points[rows], band.spacing, band.degree)
+        columns[rows] = unknowns.select(centres.take(rows), stencil_nodes(band, cells))
+        weights[rows] = tensor_weights(fractions, band.degree)
+        progress("tables", (rows[-1] + 1) / n)
+    if coefficient is not None:
+        weights *= coefficient[:, None]
+    return matrix_of_rows(weights, columns, unknowns.count)
+
+
+def extend_rows(
+    layout: Layout, progress: Progress = no_progress
+) -> tuple[SparseMatrix, Sequence[BoundaryData], Centres]:
+    """Return E (rows, unknowns), the boundary data added to E u, and the stencils' centres, of all rows of a layout.
+
+    ``progress`` is called with the stage "tables" and the share of it that is done.
+    """
+    formula = _formula_of_rows(layout)
+    centres = row_centres(layout, formula)
+    extension = extension_matrix(layout.unknowns, formula.points, centres, formula.coefficient, progress)
+    for term in formula.terms:
+        at_term = Centres(term.side_views, np.full(len(term.points), term.owner), term.feet)
+        added = extension_matrix(layout.unknowns, term.points, at_term, term.coefficient)
+        extension = extension + scatter_matrix(term.rows, extension.shape[0]) @ added
+    if formula.terms:
+        extension.eliminate_zeros()
+    return extension.tocsr(), formula.data, centres
+
+
+def _formula_of_rows(layout: Layout) -> RowFormula:
+    """Return the formulas of all rows of E: of the band's nodes, then of each boundary's ghosts."""
+    parts, unknowns = [layout.formula, *(group.formula for group in layout.ghosts)], layout.unknowns
+    numbers = np.split(np.arange(unknowns.rows), unknowns.first_rows[:-1])
+    numbered = list(zip(parts, numbers, strict=True))
+    feet = [part.feet for part in parts if part.feet is not None]
+    return RowFormula(
+        np.concatenate([part.points for part in parts]),
+        np.concatenate([part.coefficient for part in parts]),
+        [datum.renumber(rows) for part, rows in numbered for datum in part.data],
+        [replace(term, rows=rows[term.rows]) for part, rows in numbered for term in part.terms],
+        ClosestPoints.join(feet) if len(feet) == len(parts) else None,
+    )
+
+
+def row_centres(layout: Layout, formula: RowFormula | None = None) -> Centres:
+    """Return the centres of the stencils of all rows of E, with the side of each boundary on which each lies.
+
+    If the band has sheets and the rows' ``formula`` is given, they include the feet and normals that choose the sheet.
+    """
+    band, first = layout.band, layout.unknowns.first_rows
+    owner = np.repeat(np.arange(-1, len(layout.ghosts)), np.diff(first, prepend=0))
+    side_views = []
+    for index, view in enumerate(layout.boundaries.side_views):
+        of_ghosts = [group.side_views[index] for group in layout.ghosts]
+        moved = [replace(view, rows=view.rows + int(first[k])) for k, view in enumerate(of_ghosts)]
+        side_views.append(SideView.join([view, *moved]))
+    if band.sheets is None or formula is None:
+        return Centres(side_views, owner)
+    normals = np.full(formula.points.shape, np.nan)
+    at_feet = np.flatnonzero((formula.points[: len(band.nodes)] == band.feet.points).all(axis=1))
+    normals[at_feet] = band.sheets.normals[at_feet]
+    return Centres(side_views, owner, formula.feet, normals)

@@ -12,9 +12,9 @@ from cpmkit.forms.collocation.band_layout import Layout, lay_out
 from cpmkit.forms.collocation.layout_checks import check_layout, geometry_warnings
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.cost_model import CostModel, Explanation, Part, condition_name, sides_in_words, solver_part
+from cpmkit.grid.band import base_offset
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, cell_levels, lattice_of, nodes_of_blocks
 from cpmkit.grid.spacings import bytes_per_unknown, check_band_memory, fitting_spacing
-from cpmkit.grid.stencils import base_offset
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import HasNormals, HasTangents, advice_of
 from cpmkit.manifold.local_source import largest_dim, localize

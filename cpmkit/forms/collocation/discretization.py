@@ -10,8 +10,14 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.collocation.band_layout import Layout, lay_out, with_data_of
-from cpmkit.forms.collocation.extension import extend_rows, extension_matrix, row_centres
+from cpmkit.forms.collocation.band_layout import (
+    Layout,
+    extend_rows,
+    extension_matrix,
+    lay_out,
+    row_centres,
+    with_data_of,
+)
 from cpmkit.forms.collocation.ghosts.nodes_past_edge import EDGE_CONDITION
 from cpmkit.forms.collocation.layout_checks import check_effect, check_layout
 from cpmkit.forms.collocation.options import CollocationOptions
@@ -19,9 +25,8 @@ from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula, sum_o
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.form_records import PlainWork
 from cpmkit.forms.options import Options
-from cpmkit.grid.stencils import cross_offsets
-from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
-from cpmkit.linear.protocols import Operator
+from cpmkit.grid.band import cross_offsets
+from cpmkit.linear.operators import Operator, matrix_of_rows, scatter_matrix
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.runtime.memory import ENTRY_BYTES
 from cpmkit.scene.conditions import same_condition
@@ -41,7 +46,7 @@ class Discretization:
     extension: SparseMatrix
     data: Sequence[BoundaryData]  #: Terms that are added to E u.
     #: (unknowns, 2 d) int, read-only: rows of E that the difference stencil of each unknown reads, in the order of
-    #: :func:`cpmkit.grid.stencils.cross_offsets`.
+    #: :func:`cpmkit.grid.band.cross_offsets`.
     neighbours: Ints
 
     @cached_property

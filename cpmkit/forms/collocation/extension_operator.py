@@ -20,10 +20,9 @@ from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.ghosts.ghosts import Ghosts
 from cpmkit.forms.collocation.row_formula import RowFormula
-from cpmkit.grid.stencils import cross_offsets
+from cpmkit.grid.band import cross_offsets
 from cpmkit.linear.csr_matrices import ThreadedProduct
-from cpmkit.linear.operators import connected_unknowns
-from cpmkit.linear.protocols import Operator
+from cpmkit.linear.operators import Operator, connected_unknowns
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms, VectorField
 from cpmkit.types import Floats, Ints, SparseMatrix

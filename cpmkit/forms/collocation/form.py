@@ -26,12 +26,10 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.read_points import Reader
 from cpmkit.forms.collocation.row_formula import BoundaryData, sum_of_data
 from cpmkit.forms.contract import Discretized
+from cpmkit.forms.data_checks import DataAtPoints, Imbalance, unresolved_data
 from cpmkit.forms.form_records import Diagnosis, FormTraits
-from cpmkit.forms.free_constants import Imbalance
 from cpmkit.forms.options import Options
-from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
-from cpmkit.linear.operators import Border, Bordered
-from cpmkit.linear.protocols import Operator, Stiffness
+from cpmkit.linear.operators import Border, Bordered, Operator, Stiffness
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.scene.data import Data

@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.extension_operator import ExtensionOperator, build_operator
-from cpmkit.forms.free_constants import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE, Imbalance
+from cpmkit.forms.data_checks import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE, Imbalance
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.equations import Terms

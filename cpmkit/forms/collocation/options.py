@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cpmkit.errors import InputError, shown
-from cpmkit.grid.stencils import check_degree
+from cpmkit.grid.band import check_degree
 from cpmkit.runtime.options import DeclaredOptions, option
 from cpmkit.scene.conditions import check_order
 

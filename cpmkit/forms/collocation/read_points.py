@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError
+from cpmkit.forms.collocation.band_layout import extension_matrix
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.forms.collocation.extension import extension_matrix
 from cpmkit.forms.collocation.row_formula import extrapolation_weights
 from cpmkit.forms.collocation.selection import Centres
 from cpmkit.forms.collocation.side_view import ON_BOUNDARY_SPACINGS, SideView
 from cpmkit.forms.contract import Discretized
-from cpmkit.grid.band import stencil_nodes
-from cpmkit.grid.stencils import reading_radius, stencil_cells, tensor_weights
+from cpmkit.grid.band import reading_radius, stencil_cells, stencil_nodes, tensor_weights
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
 from cpmkit.runtime.arrays import as_points

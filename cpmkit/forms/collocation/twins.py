@@ -17,9 +17,8 @@ from cpmkit.forms.collocation.band_sheets import (
     has_signed_normals,
     same_sheet,
 )
-from cpmkit.grid.band import Band, stencil_nodes
+from cpmkit.grid.band import Band, cross_offsets, stencil_cells, stencil_nodes, tensor_offsets
 from cpmkit.grid.lattice import find_codes
-from cpmkit.grid.stencils import cross_offsets, stencil_cells, tensor_offsets
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import feet_on_sheets, unit_normals

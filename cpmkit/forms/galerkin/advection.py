@@ -26,7 +26,7 @@ from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_nor
 from cpmkit.forms.galerkin.space.sample_kernels import row_length, second_of, slope_of, value_of
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.grid.lattice import Lattice
-from cpmkit.linear.multigrid.cycle import Level
+from cpmkit.linear.multigrid.solver import Level
 from cpmkit.runtime.compilation import compiled
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations import VectorField

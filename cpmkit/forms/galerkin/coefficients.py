@@ -18,7 +18,7 @@ from cpmkit.forms.galerkin.point_reading import PointReader
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.space.energy import gradients_at_samples
 from cpmkit.manifold.vector_algebra import dots, norms
-from cpmkit.mesh.cell_sides import CellSides
+from cpmkit.mesh.adjacency import CellSides
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity, principal_diffusivities
 from cpmkit.scene.equations import Terms

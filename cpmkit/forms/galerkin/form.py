@@ -15,18 +15,18 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.contract import Discretized, spread_rows
+from cpmkit.forms.data_checks import DataAtPoints, unresolved_data
 from cpmkit.forms.form_records import Diagnosis, ExpectedError, FormTraits, StateFlux
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.boundary_sides import side_moments
 from cpmkit.forms.galerkin.conditions.imposed_conditions import imposed_conditions
-from cpmkit.forms.galerkin.equation_assembly import EquationAssembly
+from cpmkit.forms.galerkin.equation_assembly import EquationAssembly, GalerkinOperator, multigrid_applies
 from cpmkit.forms.galerkin.error_indicators import (
     difference_order,
     dispersion_of,
     single_solution_estimate,
     support_floor,
 )
-from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions, check
 from cpmkit.forms.galerkin.resolution import LatticeResolution, Resolution
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
@@ -34,10 +34,8 @@ from cpmkit.forms.galerkin.solution_warnings import crossing_warnings, outflow_l
 from cpmkit.forms.galerkin.solve_memory import GalerkinWork, SolveMemory
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.options import Options
-from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
-from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.linear.operators import Bordered, CsrOperator
-from cpmkit.linear.protocols import Operator, Stiffness
+from cpmkit.linear.multigrid.solver import Level
+from cpmkit.linear.operators import Bordered, CsrOperator, Operator, Stiffness
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.meshing.mesh_warnings import NOISE_FACTOR

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cpmkit.forms.cost_model import CostModel, Explanation, Part, sides_in_words, solver_part
-from cpmkit.forms.galerkin.galerkin_operator import multigrid_applies
+from cpmkit.forms.galerkin.equation_assembly import multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.solve_memory import SolveMemory
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE

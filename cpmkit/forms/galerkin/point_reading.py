@@ -18,7 +18,7 @@ from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.manifold.abilities import HasGivenMesh
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
-from cpmkit.mesh.cell_sides import CellSides
+from cpmkit.mesh.adjacency import CellSides
 from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.boundary import Boundary, boundary_number, named_sides

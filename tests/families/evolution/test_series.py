@@ -11,7 +11,7 @@ from model_problems import on_circle
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
-from cpmkit.saving.export import draw_frames, save
+from cpmkit.saving.saved_solutions import draw_frames, save
 from cpmkit.scenefile.look import Look
 
 POINTS = on_circle(np.linspace(0, 6, 50))
@@ -92,7 +92,7 @@ def test_a_series_that_fails_leaves_the_earlier_one(tmp_path, monkeypatch):
     def fail(mesh, path):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("cpmkit.saving.export.write_vtp", fail)
+    monkeypatch.setattr("cpmkit.saving.saved_solutions.write_vtp", fail)
     with pytest.raises(ck.InputError, match=r"run_frames cannot be written: No space left on device\.$"):
         solution.save(tmp_path / "run.pvd")
     assert {file: file.read_bytes() for file in tmp_path.rglob("*.*") if file.is_file()} == before

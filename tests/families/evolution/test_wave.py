@@ -145,7 +145,7 @@ def test_rough_data_stay_bounded(scheme, courant, degree, name):
 
 
 def test_without_damping_leapfrog_grows(monkeypatch):
-    monkeypatch.setattr("cpmkit.families.evolution.schemes.LEAPFROG_DAMPING", 0.0)
+    monkeypatch.setattr("cpmkit.families.evolution.stepping.LEAPFROG_DAMPING", 0.0)
     wave = ck.Wave(noise, until=60.0, step=0.05, scheme="leapfrog")
     with pytest.raises(ck.ResolutionError, match="The solution grows without a cause: at time"):
         ck.solve(arc(wave, ck.Dirichlet(0.0)), 0.1, origin=[0.013, 0.021])

@@ -9,8 +9,7 @@ from layouts import lay_out
 import cpmkit as ck
 from cpmkit.forms.collocation.discretization import tabulate
 from cpmkit.forms.collocation.selection import Centres, Unknowns
-from cpmkit.grid.band import stencil_nodes
-from cpmkit.grid.stencils import stencil_cells
+from cpmkit.grid.band import stencil_cells, stencil_nodes
 
 
 def cut_spiral(**conditions):

@@ -24,8 +24,7 @@ STATIONS = [
     "side_view",  # their distances and sides
     "ghosts/ghost_geometry",  # the way across, the mirror point, where right-hand sides are read
     "row_formula",  # points, coefficients, data
-    "band_layout",
-    "extension",  # E
+    "band_layout",  # E
     "selection",  # which unknowns its stencils read
     "discretization",  # N
     "extension_operator",  # A
@@ -34,7 +33,6 @@ STATIONS = [
 BENEATH = [
     "grid/band",
     "grid/lattice",
-    "grid/stencils",
     "linear/operators",
     "manifold/local_source",
     "manifold/source",
@@ -75,7 +73,7 @@ def one_boundary():
     return ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(1.0, c=1.0), [cut])
 
 
-def test_a_ghost_passes_through_nine_files(watched):
+def test_a_ghost_passes_through_eight_files(watched):
     files, watch = watched
     scene = one_boundary()
     tables = ck.discretize(scene, 0.2, form="collocation").tables

@@ -31,9 +31,8 @@ from cpmkit.forms.collocation.side_view import (
     SideView,
     points_near,
 )
-from cpmkit.grid.band import Band
+from cpmkit.grid.band import Band, reading_radius
 from cpmkit.grid.lattice import Lattice
-from cpmkit.grid.stencils import reading_radius
 from cpmkit.scene.laws import Interface
 from cpmkit.types import Bools, Floats, Ints
 

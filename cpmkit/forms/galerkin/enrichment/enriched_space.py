@@ -17,7 +17,7 @@ from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.spline_space import derivative_rows, value_rows
-from cpmkit.linear.multigrid.cycle import Level
+from cpmkit.linear.multigrid.solver import Level
 from cpmkit.types import Floats, Ints, SparseMatrix
 
 

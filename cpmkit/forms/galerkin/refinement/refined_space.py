@@ -23,7 +23,7 @@ from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, sh
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
-from cpmkit.linear.multigrid.cycle import Level
+from cpmkit.linear.multigrid.solver import Level
 from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.types import Floats, Ints, SparseMatrix
 

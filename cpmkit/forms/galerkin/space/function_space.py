@@ -18,7 +18,7 @@ from cpmkit.linear.constant_functions import RowGroups
 from cpmkit.linear.csr_matrices import UnsignedCsr
 from cpmkit.linear.direct import factorize_matrix
 from cpmkit.linear.krylov import conjugate_gradients
-from cpmkit.linear.multigrid.cycle import Level
+from cpmkit.linear.multigrid.solver import Level
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.runtime.memory import state_without_cached
 from cpmkit.types import Floats, Ints, SparseMatrix, no_progress

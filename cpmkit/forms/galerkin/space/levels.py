@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap, dof_map_from_patches, piece_extents, unequal_pairs
-from cpmkit.linear.multigrid.cycle import Level
+from cpmkit.linear.multigrid.solver import Level
 from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Floats, Ints, SparseMatrix

@@ -5,7 +5,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit import ClosestPoints
-from cpmkit.forms.free_constants import Imbalance
+from cpmkit.forms.data_checks import Imbalance
 
 AXES = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
 
