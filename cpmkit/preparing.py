@@ -28,29 +28,14 @@ from cpmkit.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class Prepared(Generic[Family]):
-    """A scene discretised once, for many equations and right-hand sides; see :func:`prepare`.
+    """A scene discretised once, for many equations and right-hand sides; see :func:`prepare`."""
 
-    Attributes
-    ----------
-    discretized : Discretized
-        The discretised scene with its tables.
-    solver : SolverOptions
-        Options of the linear solver.
-    progress : callable or bool, optional
-        As for :func:`cpmkit.solve`.
-    options : Options, optional
-        Options of the discretisation on a lattice; None for another back end.
-    cache : OperatorCache
-        The most recently used operators and factors.
-    others : dict
-        The same tables with other solvers; see :meth:`solved_by`.
-    """
-
-    discretized: Discretized
-    solver: SolverOptions
-    progress: ShownProgress = None
-    options: Options[Any] | None = None
-    cache: OperatorCache = field(default_factory=OperatorCache)
+    discretized: Discretized  #: The discretised scene with its tables.
+    solver: SolverOptions  #: Options of the linear solver.
+    progress: ShownProgress = None  #: A callable, or whether to show it, as for :func:`cpmkit.solve`.
+    options: Options[Any] | None = None  #: Options of the discretisation on a lattice; None for another back end.
+    cache: OperatorCache = field(default_factory=OperatorCache)  #: The most recently used operators and factors.
+    #: The same tables with other solvers; see :meth:`solved_by`.
     others: dict[str, Prepared[Any]] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:

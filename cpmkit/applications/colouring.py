@@ -198,14 +198,11 @@ def _values_of(condition: Any, curve: ClosestPointSource | None, spacing: float)
 class ColouredSurface(Result):
     """Colours everywhere on a manifold: read, saved and drawn as a solution of three channels.
 
-    Attributes
-    ----------
-    solution : Solution
-        Red, green and blue as computed: at tips and crossings of curves some hundredths beyond the prescribed colours.
-    ends : (2, 3) float64
-        The least and the largest prescribed red, green and blue, between which computed colours are clipped.
+    ``solution`` is red, green and blue as computed: at tips and crossings of curves some hundredths beyond the
+    prescribed colours.
     """
 
+    #: (2, 3): the least and the largest prescribed red, green and blue, between which computed colours are clipped.
     ends: Floats
 
     def evaluate(self, points: Any, side: Any = None) -> Floats:

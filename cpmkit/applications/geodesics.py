@@ -82,24 +82,13 @@ def transport_distance(
 class Distance(Measured):
     """The geodesic distance from origins: read, saved and drawn as a solution.
 
-    Attributes
-    ----------
-    solution : Solution
-        The distance on splines of the lattice, smooth at the origins where the distance has a tip.
-    origins : Origins
-        Points and curves from which it is measured.
-    rounds : int
-        Number of rounds of transport.
-    pieces : Pieces
-        Connected pieces of the manifold.
-    reached : (count,) bool
-        Which pieces have an origin.
+    ``solution`` is the distance on splines of the lattice, smooth at the origins where the distance has a tip.
     """
 
-    origins: Origins
-    rounds: int
-    pieces: Pieces
-    reached: Bools
+    origins: Origins  #: Points and curves from which it is measured.
+    rounds: int  #: Number of rounds of transport.
+    pieces: Pieces  #: Connected pieces of the manifold.
+    reached: Bools  #: (count,): which pieces have an origin.
 
     def evaluate(self, points: Any) -> Floats:
         """Return the distance (n,), zero or above, at the points of the manifold nearest to ``points`` (n, d).

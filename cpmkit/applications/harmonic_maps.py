@@ -31,21 +31,14 @@ from cpmkit.types import Floats
 class SurfaceMap(Result):
     """A map from one manifold to another: read, saved and drawn as a solution whose channels are coordinates.
 
-    Attributes
-    ----------
-    solution : Solution
-        Coordinates of the image on splines of the lattice, on the target to the order of the method.
-    target : ClosestPointSource
-        The manifold of the images.
-    energy : (steps + 1,) float64
-        Integrals of ``|grad u|^2 / 2`` of the initial map and after each step, or after each 50 explicit steps.
-    at_rest : bool
-        Whether the last step changed the energy by less than ``rest``.
+    ``solution`` has coordinates of the image on splines of the lattice, on the target to the order of the method.
     """
 
-    target: ClosestPointSource
+    target: ClosestPointSource  #: The manifold of the images.
+    #: (steps + 1,): integrals of ``|grad u|^2 / 2`` of the initial map and after each step, or after each 50 explicit
+    #: steps.
     energy: Floats
-    at_rest: bool
+    at_rest: bool  #: Whether the last step changed the energy by less than ``rest``.
 
     def evaluate(self, points: Any, side: Any = None) -> Floats:
         """Return the images (n, k), on the target, of the source's points nearest to ``points`` (n, d).

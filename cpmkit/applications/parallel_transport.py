@@ -34,15 +34,9 @@ from cpmkit.types import Floats
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TransportedField(TangentField):
-    """Vectors transported from points, with their lengths.
+    """Vectors transported from points, with their lengths."""
 
-    Attributes
-    ----------
-    lengths : Solution
-        Two channels: lengths times heat, and heat.
-    """
-
-    lengths: Solution
+    lengths: Solution  #: Two channels: lengths times heat, and heat.
 
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = False) -> Floats:
         """Return the tangential vectors (n, 3) at the surface points nearest to ``points`` (n, 3).
@@ -58,23 +52,12 @@ class TransportedField(TangentField):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LogarithmicMap:
-    """Coordinates about a point: length and initial direction of the shortest path, as a vector of the tangent plane.
+    """Coordinates about a point: length and initial direction of the shortest path, a vector of the tangent plane."""
 
-    Attributes
-    ----------
-    point : (3,) float64
-        A point of the surface.
-    axes : (2, 3) float64
-        Orthonormal tangents at the point: the axes of the coordinates.
-    distance : Distance
-        The distance from the point.
-    transported_axes : (TransportedField, TransportedField or None)
-        The axes after transport to any point; the second is None where a normal of the surface gives it.
-    """
-
-    point: Floats
-    axes: Floats
-    distance: Distance
+    point: Floats  #: (3,): a point of the surface.
+    axes: Floats  #: (2, 3): orthonormal tangents at the point, the axes of the coordinates.
+    distance: Distance  #: The distance from the point.
+    #: The axes after transport to any point; the second is None where a normal of the surface gives it.
     transported_axes: tuple[TangentField, TangentField | None]
 
     def evaluate(self, points: Any) -> Floats:

@@ -127,16 +127,9 @@ class Result:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Measured(Result):
-    """A result of several linear solves, whose error is estimated from the same solves at twice the spacing.
+    """A result of several linear solves, whose error is estimated from the same solves at twice the spacing."""
 
-    Attributes
-    ----------
-    solution : Solution
-        The solution that is read, saved and drawn.
-    recompute : callable
-        Computes the solution at another spacing and origin of the lattice.
-    """
-
+    #: Computes the solution at another spacing and origin of the lattice.
     recompute: Callable[[float, Any], Solution] | None = None
 
     @cached_property

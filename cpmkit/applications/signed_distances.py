@@ -44,18 +44,11 @@ from cpmkit.types import Floats
 class SignedDistance(Measured):
     """The signed distance to curves: read, saved and drawn as a solution.
 
-    Attributes
-    ----------
-    solution : Solution
-        The distance on splines of the lattice.
-    curves : Origins
-        Curves from which it is measured.
-    rounds : int
-        Number of rounds of transport.
+    ``solution`` is the distance on splines of the lattice.
     """
 
-    curves: Origins
-    rounds: int
+    curves: Origins  #: Curves from which it is measured.
+    rounds: int  #: Number of rounds of transport.
 
     def evaluate(self, points: Any) -> Floats:
         """Return the distance (n,) at the points of the surface nearest to ``points`` (n, 3), positive to the left."""

@@ -48,19 +48,12 @@ class TexturedMesh(Mesh):
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An image to be mapped onto a mesh.
+    """An image to be mapped onto a mesh."""
 
-    Attributes
-    ----------
-    colours : (height, width, 3) float64
-        From 0 to 1, the top row (v = 1) first. Pixels outside of all triangles have the colour of the nearest pixel
-        inside, so that seams are not visible.
-    covered : (height, width) bool
-        Which pixels have their centre in a triangle.
-    """
-
+    #: (height, width, 3): from 0 to 1, the top row (v = 1) first. Pixels outside of all triangles have the colour of
+    #: the nearest pixel inside, so that seams are not visible.
     colours: Floats
-    covered: Bools
+    covered: Bools  #: (height, width): which pixels have their centre in a triangle.
 
     def __repr__(self) -> str:
         height, width = self.covered.shape

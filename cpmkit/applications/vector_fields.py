@@ -115,15 +115,10 @@ def _wrap(angles: Floats) -> Floats:
 class TangentField(Result):
     """A field of tangential vectors: read, saved and drawn as a solution of three channels.
 
-    Attributes
-    ----------
-    solution : Solution
-        The vectors on splines of the lattice, tangential to the order of the method, of any length.
-    transport : str
-        How directions are extended: ``parallel`` or ``paper``.
+    ``solution`` has the vectors on splines of the lattice, tangential to the order of the method, of any length.
     """
 
-    transport: str
+    transport: str  #: How directions are extended: ``parallel`` or ``paper``.
 
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = True) -> Floats:
         """Return the tangential vectors (n, 3) at the surface points nearest to ``points``; unit if ``normalized``."""

@@ -55,32 +55,19 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class ClosestPoints(Rows):
-    """The answer to n closest point queries.
+    """The answer to n closest point queries."""
 
-    Attributes
-    ----------
-    points : (n, d) float64
-        The feet: a closest point of each query, in the scene's unit of length.
-    distance : (n,) float64
-        Distance from the query to the manifold: it decides which nodes are in the band. It is 1-Lipschitz and at most
-        ``|x - points|``; for an exact source the two are equal.
-    edge : (n,) int64
-        -1 where the foot is interior; k >= 0 where it lies on edge loop k of an open surface, or on end k of an open
-        curve (0 the start, 1 the end). Numbers are below 1000, or below the source's ``edge_limit`` where it has this
-        attribute (a multiple of 1000).
-    element : (n,) int64, optional
-        The triangle, segment, patch or union member that holds the foot.
-    local : (n, m) float64, optional
-        Coordinates in that element: barycentric, t or (u, v).
-    doubtful : (n,) bool, optional
-        True where the search may have missed the closest point. ``None``: all feet are certain.
-    """
-
-    points: Floats
+    points: Floats  #: (n, d): the feet, a closest point of each query, in the scene's unit of length.
+    #: (n,): distance from the query to the manifold: it decides which nodes are in the band. It is 1-Lipschitz and at
+    #: most ``|x - points|``; for an exact source the two are equal.
     distance: Floats
+    #: (n,): -1 where the foot is interior; k >= 0 where it lies on edge loop k of an open surface, or on end k of an
+    #: open curve (0 the start, 1 the end). Numbers are below 1000, or below the source's ``edge_limit`` where it has
+    #: this attribute (a multiple of 1000).
     edge: Ints
-    element: Ints | None = None
-    local: Floats | None = None
+    element: Ints | None = None  #: (n,): the triangle, segment, patch or union member that holds the foot.
+    local: Floats | None = None  #: (n, m): coordinates in that element: barycentric, t or (u, v).
+    #: (n,): True where the search may have missed the closest point. ``None``: all feet are certain.
     doubtful: Bools | None = None
 
 

@@ -22,33 +22,20 @@ ROUND_OFF_SHARE = 1e-12
 
 @dataclass(frozen=True)
 class ConformanceCase:
-    """One example of a kind of source, on which the laws are checked.
+    """One example of a kind of source, on which the laws are checked."""
 
-    Attributes
-    ----------
-    kind : str
-        The kind in scene files, ``family.shape``.
-    name : str
-        Name that distinguishes the cases of a kind.
-    make : callable
-        Function without arguments that returns the source.
-    samples : callable, optional
-        ``samples(rng, n)`` returns points (n, d) that lie on the manifold, found without closest points: with them the
-        laws detect every foot that is not the nearest.
-    radius : float, optional
-        For a source that is not exact: the distance from the manifold up to which feet are meant to be accurate.
-        ``None``: anywhere.
-    turning_angle : float
-        The angle in radians by which feet (of a source that is not exact) and normals (of any source) may be off:
-        ``|points - exact foot|`` <= turning angle x distance. For a mesh the largest angle between neighbouring
-        normals; for a smooth manifold 0.
-    """
-
-    kind: str
-    name: str
-    make: Callable[[], ClosestPointSource]
+    kind: str  #: The kind in scene files, ``family.shape``.
+    name: str  #: Name that distinguishes the cases of a kind.
+    make: Callable[[], ClosestPointSource]  #: Function without arguments that returns the source.
+    #: ``samples(rng, n)`` returns points (n, d) that lie on the manifold, found without closest points: with them the
+    #: laws detect every foot that is not the nearest.
     samples: Callable[[np.random.Generator, int], Floats] | None = None
+    #: For a source that is not exact: the distance from the manifold up to which feet are meant to be accurate.
+    #: ``None``: anywhere.
     radius: float | None = None
+    #: The angle in radians by which feet (of a source that is not exact) and normals (of any source) may be off:
+    #: ``|points - exact foot|`` <= turning angle x distance. For a mesh the largest angle between neighbouring normals;
+    #: for a smooth manifold 0.
     turning_angle: float = 0.0
 
     def __str__(self) -> str:

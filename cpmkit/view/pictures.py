@@ -28,18 +28,10 @@ from cpmkit.view.drawing import Drawing, Shapes, arrows, draw, isolines, mesh_ed
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture that was drawn.
+    """A picture that was drawn."""
 
-    Attributes
-    ----------
-    file : Path
-        The PNG file.
-    camera : str
-        The direction of the view and the vertical axis, in words.
-    """
-
-    file: Path
-    camera: str
+    file: Path  #: The PNG file.
+    camera: str  #: The direction of the view and the vertical axis, in words.
 
 
 def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
