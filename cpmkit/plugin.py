@@ -283,8 +283,5 @@ if not TYPE_CHECKING:  # else every name, even a misspelt one, would exist for a
         "cpmkit",
         "; docs/reference/plugin-api.md has what it offers",
     )
-    _NEW_NAMES = {
-        "support_of": "cpmkit.plugin.edge_support",
-        "NamesLeft": "cpmkit.plugin.HasLeft",
-    }
+    _NEW_NAMES = {"support_of": "cpmkit.plugin.edge_support", "NamesLeft": "cpmkit.plugin.HasLeft"}
     __getattr__ = deprecated_names(__name__, _NEW_NAMES, _lazy)

@@ -11,11 +11,4 @@ They need pytest and hypothesis: ``pip install "cpmkit[test]"``.
 from cpmkit.testing.all_laws import LAWS, installed_cases, kinds_without_case, parametrize_with_laws, run_laws
 from cpmkit.testing.queries import ConformanceCase
 
-__all__ = [
-    "LAWS",
-    "ConformanceCase",
-    "installed_cases",
-    "kinds_without_case",
-    "parametrize_with_laws",
-    "run_laws",
-]
+__all__ = ["LAWS", "ConformanceCase", "installed_cases", "kinds_without_case", "parametrize_with_laws", "run_laws"]

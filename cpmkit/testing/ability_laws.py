@@ -212,9 +212,6 @@ def _require_agreement(first: Floats, second: Floats, points: Floats, message: s
         require_rows(~opposite, points, message)
 
 
-# Local minima of the distance: a foot on every sheet near a query
-
-
 @law("anywhere", HasLocalMinima)
 def check_local_minima(subject: Subject, x: Floats) -> None:
     """Feet within a radius lie on the manifold at their distance, ordered by row and distance, the closest point first.

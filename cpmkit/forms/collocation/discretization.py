@@ -183,9 +183,6 @@ def _neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
     return columns.astype(np.int32 if unknowns.rows <= np.iinfo(np.int32).max else np.int64)
 
 
-# New data in existing tables
-
-
 def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretization:
     """Return the tables of the scene ``old`` with the data of ``new``, which differs only in its equation and data.
 
@@ -228,9 +225,6 @@ def _laws(scene: Scene) -> list[tuple[str, Law]]:
         (f"boundary {boundary.name!r}", boundary.condition(side).law) for boundary in scene.boundaries for side in SIDES
     ]
     return sides + edge
-
-
-# Cost of a solve
 
 
 @dataclass(frozen=True)

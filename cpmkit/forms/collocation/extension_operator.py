@@ -136,9 +136,6 @@ class BoundaryMass:
         return np.asarray(self.matrix @ u)
 
 
-# Operators from the terms of an equation
-
-
 def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
     """Return the operator A of the terms c u - div(a grad u), and of v . grad u if there is a velocity v.
 

@@ -125,9 +125,6 @@ def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
     return np.asarray(np.linalg.norm(high - low, axis=1)[label] >= WIDE_GAP_SPACINGS * spacing)
 
 
-# Boundaries along a rim of the manifold, less than a spacing from it or on it
-
-
 def find_rim_strips(
     boundaries: Sequence[BoundaryOnLattice], surface: LocalSource, band: Band, lattice: Lattice
 ) -> list[UnresolvedPlace]:

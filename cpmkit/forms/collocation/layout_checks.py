@@ -81,9 +81,6 @@ def _without_effect(layout: Layout, number: int) -> str:
     )
 
 
-# Boundaries
-
-
 def _check_fluxes_at_points(layout: Layout) -> None:
     """Raise SceneError if a condition other than Dirichlet is given at a boundary without sides, such as a point."""
     for boundary, on_lattice in zip(layout.boundaries.definitions, layout.boundaries.on_lattice, strict=True):
@@ -117,9 +114,6 @@ def _check_conductivities(scene: Scene, layout: Layout) -> None:
         law = boundary.condition("left").law
         if isinstance(law, Interface):
             check_conductivities(f"boundary {boundary.name!r}", law, diffusivity, view, layout.lattice)
-
-
-# Rims and the edge
 
 
 def _check_rims(layout: Layout, scene: Scene) -> None:
@@ -244,9 +238,6 @@ def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
     return [*(sharp_bends(layout, spacing) or _mixed_sheets(layout)), *filter(None, places)]
 
 
-# The surface
-
-
 def sharp_bends(layout: Layout, spacing: float) -> list[str]:
     """Return a list with a warning if the surface has creases or bends too sharply for ``spacing``; else empty."""
     if layout.surface.manifold_dim != layout.surface.dim - 1:
@@ -282,9 +273,6 @@ def _mixed_sheets(layout: Layout) -> list[str]:
         f"smaller spacing narrows the band. These are {len(sheets.mixed) / len(band.nodes):.1%} of the stencils, for "
         f"one near {where}."
     ]
-
-
-# Boundaries
 
 
 def _snapped_boundaries(layout: Layout) -> list[str]:

@@ -106,9 +106,6 @@ class UnresolvedPlace:
         )
 
 
-# Two boundaries
-
-
 def find_meetings(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
 ) -> list[UnresolvedPlace]:
@@ -184,9 +181,6 @@ def _largest_jump(first: Boundary, second: Boundary, point: Floats, channels: in
     size = max((float(np.abs(value).max()) for of_boundary in values for value in of_boundary), default=0.0)
     worst = max((float(np.abs(a - b).max()) for a, b in product(*values)), default=0.0)
     return worst if worst > DIFFERENT_DATA_SHARE * size else 0.0
-
-
-# Boundaries whose own sides mix
 
 
 def find_mixed_sides(

@@ -165,9 +165,6 @@ def _with_extrapolated_sources(sources: RowFormula, parts: Sequence[CoupledGhost
     return RowFormula(sources.points, sources.coefficient * factor, (), terms + added)
 
 
-# The formula
-
-
 def ghost_formula(
     geometry: GhostGeometry, order: int
 ) -> tuple[RowFormula, list[ExtraPoint], list[CoupledGhosts], Ints, Bools]:

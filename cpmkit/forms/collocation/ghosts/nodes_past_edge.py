@@ -251,9 +251,6 @@ def _exact_conormals(
     return outward
 
 
-# Boundaries parallel to a rim, nearer to it than the nodes past it
-
-
 def separated_from_mirrors(
     boundaries: Sequence[BoundaryOnLattice], band: Band, past: RowFormula, radius: float
 ) -> Ints:

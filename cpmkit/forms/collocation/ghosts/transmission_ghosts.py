@@ -172,9 +172,6 @@ def second_order_weights(
     return weights[:, :k], weights[:, k : 2 * k], jump, -spacing / largest * weights[:, 2 * k + 1]
 
 
-# Conductivities
-
-
 def conductivities(law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> tuple[Floats, Floats]:
     """Return the conductivities (n,) on the side of the ghosts' nodes, and on the side that the ghosts continue.
 
