@@ -86,13 +86,13 @@ if TYPE_CHECKING:
     from cpmkit.manifold.vector_algebra import rotate as rotate
     from cpmkit.manifold.vector_algebra import unit as unit
     from cpmkit.mesh.mesh import Mesh as Mesh
+    from cpmkit.mesh.mesh import edge_support as edge_support
     from cpmkit.mesh.mesh import rectangle as rectangle
+    from cpmkit.mesh.mesh import vertex_normals as vertex_normals
     from cpmkit.mesh.mixed_cells import Polyline as Polyline
     from cpmkit.mesh.mixed_cells import chain_segments as chain_segments
     from cpmkit.mesh.mixed_cells import number_edges as number_edges
     from cpmkit.mesh.mixed_cells import rotate_triangles as rotate_triangles
-    from cpmkit.mesh.normals_of_mesh import edge_support as edge_support
-    from cpmkit.mesh.normals_of_mesh import vertex_normals as vertex_normals
     from cpmkit.plugins import read_ply_points as read_ply_points
     from cpmkit.plugins import source as source
     from cpmkit.runtime.arrays import as_colour as as_colour
@@ -106,8 +106,8 @@ if TYPE_CHECKING:
     from cpmkit.runtime.arrays import whole as whole
     from cpmkit.runtime.compilation import compiled as compiled
     from cpmkit.runtime.compilation import inlined as inlined
-    from cpmkit.runtime.threads import run_parcels as run_parcels
-    from cpmkit.runtime.threads import thread_count as thread_count
+    from cpmkit.runtime.compilation import run_parcels as run_parcels
+    from cpmkit.runtime.compilation import thread_count as thread_count
     from cpmkit.scene.boundary import Boundary as Boundary
     from cpmkit.scene.boundary import BoundarySet as BoundarySet
     from cpmkit.scene.boundary import named_sides as named_sides
@@ -215,8 +215,7 @@ GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "formulas.steps": ("COORDINATES", "FUNCTIONS", "formula_tree"),
     },
     "Compiled kernels and threads": {
-        "runtime.compilation": ("compiled", "inlined"),
-        "runtime.threads": ("run_parcels", "thread_count"),
+        "runtime.compilation": ("compiled", "inlined", "run_parcels", "thread_count"),
     },
     "Vectors and meshes": {
         "manifold.orientation": ("Chain", "link_chains"),
@@ -262,7 +261,7 @@ GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "grid.spacings": ("needed_spacing",),
         "linear.operators": ("Border", "CsrOperator", "Stiffness"),
         "manifold.abilities": ("warnings_of",),
-        "mesh.normals_of_mesh": ("edge_support", "vertex_normals"),
+        "mesh.mesh": ("edge_support", "vertex_normals"),
         "scene.boundary": ("BoundarySet", "named_sides"),
         "scene.scene": ("conditions_depend_on_time",),
         "solution.display_mesh": ("DisplayMesh",),

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from cpmkit.errors import CpmkitError
 from cpmkit.plugins import installed_kinds
+from cpmkit.runtime.compilation import processors
 from cpmkit.runtime.memory import memory_limit
 from cpmkit.runtime.messages import collected_warnings, install_command
-from cpmkit.runtime.threads import processors
 from cpmkit.solution.summary import version_of
 
 #: Distributions whose versions matter, the required ones first.

@@ -56,11 +56,7 @@ def run_study(file: Path, output: Path | None, cheap: bool, spacings: tuple[floa
 
 @study.command("report")
 @click.argument(
-    "studies",
-    type=click.Path(exists=True, path_type=Path),
-    nargs=-1,
-    required=True,
-    metavar="STUDY.toml|FOLDER...",
+    "studies", type=click.Path(exists=True, path_type=Path), nargs=-1, required=True, metavar="STUDY.toml|FOLDER..."
 )
 @click.option(
     "--table",

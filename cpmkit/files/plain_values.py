@@ -39,10 +39,7 @@ def numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
 
 def whole_numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
     """Return the kind of integers from ``least`` to ``most``, without true and false."""
-    return Kind(
-        f"a whole number{_range(least, most)}",
-        lambda value: type(value) is int and least <= value <= most,
-    )
+    return Kind(f"a whole number{_range(least, most)}", lambda value: type(value) is int and least <= value <= most)
 
 
 def choice_of(*words: str) -> Kind:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.runtime.threads import run_parcels, thread_count
+from cpmkit.runtime.compilation import run_parcels, thread_count
 from cpmkit.types import Floats, SparseMatrix
 
 #: Least entries of a matrix whose products use all threads: starting them takes as long as one or two such products.

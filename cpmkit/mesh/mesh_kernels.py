@@ -182,7 +182,7 @@ def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance:
 def edge_supports(
     vertices: Floats, ends: Ints, normals: Floats, creased: Bools, first: Ints, around: Ints
 ) -> tuple[Floats, Floats]:
-    """Return the ratio (e,) and the height (e,) of the :class:`~cpmkit.mesh.normals_of_mesh.EdgeSupport` of edges.
+    """Return the ratio (e,) and the height (e,) of the :class:`~cpmkit.mesh.mesh.EdgeSupport` of edges.
 
     ``vertices`` (v, d).
     ``ends`` (e, 2).

@@ -5,7 +5,7 @@ surface stands above the middle of an edge from a to b by (t_a - t_b) / 8, where
 as the edge (the middle of Hermite's cubic, as in Vlachos et al. 2001, Curved PN triangles).
 
 An edge keeps the share of that height that the surface beyond its ends supports
-(:mod:`cpmkit.mesh.normals_of_mesh`): a flat face beside a fillet stays flat.
+(:mod:`cpmkit.mesh.mesh`): a flat face beside a fillet stays flat.
 
 Where such a mesh has creases, triangles with a corner there stay flat: they have their own normals and straight edges,
 since the mean of the normals on both sides of a crease is the normal of neither side.
@@ -21,8 +21,7 @@ import numpy as np
 from cpmkit.manifold.abilities import HasMembers, HasMesh
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
-from cpmkit.mesh.mesh import CellGeometry, Mesh
-from cpmkit.mesh.normals_of_mesh import EdgeSupport, edge_support
+from cpmkit.mesh.mesh import CellGeometry, EdgeSupport, Mesh, edge_support
 from cpmkit.mesh.subdivision import halve_edges, inherit_shares, split_at_knot_planes
 from cpmkit.meshing.curved_from_points import (
     CREASED_EDGE_SHARE,

@@ -1,4 +1,9 @@
-"""Compilation of kernels by numba, which is imported when the first kernel is defined."""
+"""Compiled kernels: compilation by numba, imported when the first is defined, and a pool of threads for their work.
+
+Work is divided into small parcels, assigned to threads as these become free: with parcels of half the work all would
+wait for a core that another process uses. The work releases the interpreter's lock, as compiled kernels and SciPy's
+sparse products do.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +11,11 @@ import logging
 import os
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, TypeVar
 
-from cpmkit.errors import CpmkitWarning
+from cpmkit.errors import CpmkitWarning, InputError
 from cpmkit.runtime.progress import report_progress
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -90,3 +96,47 @@ def inlined(function: Function) -> Function:
     """Return ``function`` compiled, without a cache, for inlining into kernels, so that the call takes no time."""
     kernel: Function = _njit()(nogil=True, error_model="numpy", forceinline=True)(function)
     return kernel
+
+
+def processors() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def thread_count() -> int:
+    """Return the number of threads: ``CPMKIT_THREADS``, or the number of cores that this process may use.
+
+    Raises InputError if ``CPMKIT_THREADS`` is set and not a whole number above zero.
+    """
+    setting = os.environ.get("CPMKIT_THREADS")
+    if not setting:
+        return processors()
+    if not setting.isdecimal() or int(setting) < 1:
+        raise InputError(f"CPMKIT_THREADS must be a whole number above zero, got {setting!r}.")
+    return int(setting)
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Return the process's pool of this number of threads."""
+    return ThreadPoolExecutor(threads, thread_name_prefix="cpmkit")
+
+
+if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none of its threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
+def run_parcels(work: Callable[[int, int], object], count: int, size: int = 4096) -> None:
+    """Call ``work(start, stop)`` on all threads for consecutive parts of ``range(count)``, each of at most ``size``.
+
+    It returns when all parts are done, and raises the exception of a part. The default size is for closest point
+    queries: so few that a busy core does not delay the others.
+    """
+    starts = range(0, count, size)
+    threads = thread_count()
+    if threads == 1 or len(starts) < 2:
+        for start in starts:
+            work(start, min(start + size, count))
+        return
+    for done in _pool(threads).map(lambda start: work(start, min(start + size, count)), starts):
+        del done

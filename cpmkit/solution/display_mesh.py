@@ -16,8 +16,8 @@ from cpmkit.errors import InputError
 from cpmkit.manifold.abilities import HasGivenMesh, HasNormals
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.vector_algebra import unit
+from cpmkit.mesh.mesh import vertex_normals
 from cpmkit.mesh.mixed_cells import CutCells, cut_by_distance, mesh_method, refine_mixed_cells, with_corners
-from cpmkit.mesh.normals_of_mesh import vertex_normals
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats, Ints, Side

@@ -21,9 +21,8 @@ from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
-from cpmkit.view.camera import axes_of
 from cpmkit.view.colours import Bar, compose, make_bar, model_width, picture_sheet
-from cpmkit.view.drawing import Drawing, Shapes, arrows, draw, isolines, mesh_edges, outlines
+from cpmkit.view.drawing import Drawing, Shapes, arrows, axes_of, draw, isolines, mesh_edges, outlines
 
 
 @dataclass(frozen=True)

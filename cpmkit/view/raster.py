@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.runtime.compilation import compiled
-from cpmkit.runtime.threads import run_parcels
+from cpmkit.runtime.compilation import compiled, run_parcels
 from cpmkit.types import Floats, Ints
 from cpmkit.view.colours import Bar
 from cpmkit.view.drawing import Drawing, Shapes

@@ -12,8 +12,7 @@ from cpmkit.forms.galerkin.enrichment.enriched_space import EnrichedSpace
 from cpmkit.forms.galerkin.form import Galerkin, galerkin
 from cpmkit.forms.galerkin.options import STABILISATIONS, GalerkinOptions
 from cpmkit.forms.galerkin.options import check as check
-from cpmkit.forms.galerkin.refinement.hierarchical_splines import level_splines
-from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, build_refined_space
+from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, build_refined_space, level_splines
 from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.galerkin.scene_sampling import InsertedScene, insert_scene, sample_inserted
 from cpmkit.forms.galerkin.solve_memory import SolveMemory

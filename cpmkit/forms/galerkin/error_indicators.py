@@ -11,8 +11,7 @@ from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.resolution import PERSISTING_AREA, Resolution
 from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.mesh import CellGeometry
-from cpmkit.mesh.normals_of_mesh import SUPPORTED, UNSUPPORTED
+from cpmkit.mesh.mesh import SUPPORTED, UNSUPPORTED, CellGeometry
 from cpmkit.meshing.curved_from_normals import own_edge_support
 from cpmkit.meshing.mesh_cache import mesh_cache_of
 from cpmkit.types import Floats

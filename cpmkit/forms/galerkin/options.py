@@ -92,9 +92,7 @@ class GalerkinOptions(DeclaredOptions):
         one_of("off", "auto"),
     )
     refine_levels: int = option(
-        3,
-        "How many times ``refine`` may halve the spacing, from 1 to 4.",
-        partial(whole, least=1, most=4),
+        3, "How many times ``refine`` may halve the spacing, from 1 to 4.", partial(whole, least=1, most=4)
     )
 
     @property
