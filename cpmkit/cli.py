@@ -10,28 +10,14 @@ from pathlib import Path
 
 import click
 
+from cpmkit.commands import group
 from cpmkit.commands.applications import distance, map_to_target, paint, vectors
-from cpmkit.commands.group import (
-    CommandGroup,
-    accuracy_options,
-    json_option,
-    output_option,
-    print_outcome,
-    print_warnings,
-    progress_callback,
-    scene_argument,
-    spacing_and_options,
-    spacing_option,
-    traceback_option,
-    with_error,
-    with_look,
-)
 from cpmkit.commands.study import study
 
 
 @click.command()
 @click.argument("name", metavar="NAME")
-@traceback_option
+@group.traceback_option
 def new(name: str) -> None:
     """Write a first scene, NAME.toml, to run and to change.
 
@@ -50,7 +36,7 @@ def new(name: str) -> None:
     metavar="FOLDER",
     help="Copy all of them, with the curves that they name, to a new folder.",
 )
-@traceback_option
+@group.traceback_option
 def examples(to: Path | None) -> None:
     """List the examples, scenes, those of applications and studies, or copy them to a folder."""
     from cpmkit.scenefile.examples import copy_examples, example_files, example_title
@@ -64,7 +50,7 @@ def examples(to: Path | None) -> None:
 
 @click.command()
 @click.argument("sort", type=click.Choice(["scene", "study", "vectors", "map", "paint"]), metavar="SORT")
-@traceback_option
+@group.traceback_option
 def schema(sort: str) -> None:
     """Print the JSON schema of files, with the kinds that are installed: SORT is scene, study, vectors, map or paint.
 
@@ -81,9 +67,9 @@ def schema(sort: str) -> None:
     click.echo(json.dumps(made, indent=1))
 
 
-@click.group(cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=group.CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="cpmkit")
-@traceback_option
+@group.traceback_option
 def main() -> None:
     """Solve PDEs on curves, surfaces and solids that are known by their closest points.
 
@@ -100,9 +86,9 @@ def main() -> None:
 
 
 @main.command()
-@scene_argument
-@spacing_option
-@accuracy_options
+@group.scene_argument
+@group.spacing_option
+@group.accuracy_options
 @click.option(
     "--backend",
     default="cpm",
@@ -111,7 +97,7 @@ def main() -> None:
     "[discretization] and [solver], another back end takes the spacing and the tolerance, fem the degree too.",
 )
 @click.option("--degree", type=int, metavar="NUMBER", help="Degree of the polynomials; overrides the file's.")
-@output_option
+@group.output_option
 @click.option(
     "--checkpoint",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -136,11 +122,11 @@ def main() -> None:
     help="How the picture of the file looks, such as cmap=magma, clim=[0,1], isolines=8, up=y; overrides the file's. "
     "May be given several times.",
 )
-@json_option
+@group.json_option
 @click.option(
     "--quiet", is_flag=True, help="Show neither progress nor a summary; warnings and errors go to standard error."
 )
-@traceback_option
+@group.traceback_option
 def solve(
     scene: Path,
     spacing: float | None,
@@ -170,20 +156,20 @@ def solve(
     from cpmkit.saving.results import check_request, solution_channels, write_results
     from cpmkit.solving import backend_independent_options
 
-    with collected_warnings() as issued, progress_callback(scene, quiet) as progress:
+    with collected_warnings() as issued, group.progress_callback(scene, quiet) as progress:
         try:
             loaded = load_scene(scene)
-            folder, request = output or loaded.output.folder, with_look(loaded.output, field, look, estimate)
+            folder, request = output or loaded.output.folder, group.with_look(loaded.output, field, look, estimate)
             check_request(request, loaded.scene.surface, folder, solution_channels(loaded.scene))
             target = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
-            spacing, options = spacing_and_options(loaded, spacing, **target, degree=degree)
+            spacing, options = group.spacing_and_options(loaded, spacing, **target, degree=degree)
             if backend != "cpm":
                 options = {"backend": backend, **backend_independent_options(options, backend)}
             options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
             solution = solve_scene(loaded.scene, spacing=spacing, progress=progress, **options)
-            solution = with_error(solution, estimate, request.wants_error)
+            solution = group.with_error(solution, estimate, request.wants_error)
         except Exception:
-            print_warnings(issued, err=True)
+            group.print_warnings(issued, err=True)
             raise
         warnings = list(dict.fromkeys([*issued, *solution.warnings]))
         written = write_results(solution, request, folder, progress, warnings)
@@ -195,18 +181,18 @@ def solve(
         f"unknowns   {work.unknowns:,}{ghosts}",
         f"solver     {report.solver}: {report.reason}",
     ]
-    print_outcome(solution, written.summary, warnings, head, [], as_json, quiet)
+    group.print_outcome(solution, written.summary, warnings, head, [], as_json, quiet)
     written.check()
 
 
 @main.command()
-@scene_argument
-@spacing_option
+@group.scene_argument
+@group.spacing_option
 @click.option("--dry-run", is_flag=True, help="Count on coarse grids, and look for causes of errors.")
 @click.option("--rehearse", is_flag=True, hidden=True)  # the name of --dry-run before
 @click.option("--seconds", is_flag=True, help="Also solve on two coarse grids, and predict the seconds of a solve.")
-@json_option
-@traceback_option
+@group.json_option
+@group.traceback_option
 def explain(scene: Path, spacing: float | None, dry_run: bool, rehearse: bool, seconds: bool, as_json: bool) -> None:
     """Show the discretisation of a scene and its cost without solving: an estimate in a second, or counts by a dry run.
 
@@ -218,23 +204,23 @@ def explain(scene: Path, spacing: float | None, dry_run: bool, rehearse: bool, s
 
     if rehearse:
         click.echo("--rehearse is now called --dry-run; the old name goes with the next release.", err=True)
-    with collected_warnings() as issued, progress_callback(scene) as progress:
+    with collected_warnings() as issued, group.progress_callback(scene) as progress:
         try:
             loaded = load_scene(scene)
-            spacing, options = spacing_and_options(loaded, spacing or loaded.spacing)
+            spacing, options = group.spacing_and_options(loaded, spacing or loaded.spacing)
             options |= {"dry_run": dry_run or rehearse, "seconds": seconds}
             explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **options)
         except Exception:
-            print_warnings(issued, err=True)
+            group.print_warnings(issued, err=True)
             raise
     click.echo(json.dumps(explanation.as_dict(), indent=2) if as_json else str(explanation))
-    print_warnings(issued, err=as_json)
+    group.print_warnings(issued, err=as_json)
 
 
 @main.command()
 @click.argument("kind", required=False)
-@json_option
-@traceback_option
+@group.json_option
+@group.traceback_option
 def plugins(kind: str | None, as_json: bool) -> None:
     """List the kinds that scenes can name, or the keys of one KIND or family of kinds.
 
@@ -265,8 +251,8 @@ def plugins(kind: str | None, as_json: bool) -> None:
 
 @main.command()
 @click.argument("scene", required=False, type=click.Path(path_type=Path), metavar="[SCENE.toml]")
-@json_option
-@traceback_option
+@group.json_option
+@group.traceback_option
 @click.pass_context
 def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
     """Report what is installed, whether pictures can be drawn, and whether a scene loads.

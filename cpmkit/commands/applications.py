@@ -11,21 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cpmkit.commands.group import (
-    accuracy_options,
-    add_options,
-    json_option,
-    output_option,
-    print_outcome,
-    print_warnings,
-    progress_callback,
-    scene_argument,
-    spacing_and_options,
-    spacing_option,
-    traceback_option,
-    with_error,
-    with_look,
-)
+from cpmkit.commands import group
 
 if TYPE_CHECKING:
     from cpmkit.facade import Solution
@@ -33,10 +19,10 @@ if TYPE_CHECKING:
     from cpmkit.types import Floats
 
 #: The scene as argument and the options that all commands of applications have.
-application_options = add_options(
-    scene_argument,
-    spacing_option,
-    output_option,
+application_options = group.add_options(
+    group.scene_argument,
+    group.spacing_option,
+    group.output_option,
     click.option(
         "--look",
         multiple=True,
@@ -44,9 +30,9 @@ application_options = add_options(
         help="How the picture of the file looks, such as width=600, up=y; overrides the file's. May be given "
         "several times.",
     ),
-    json_option,
+    group.json_option,
     click.option("--quiet", is_flag=True, help="Show neither progress nor a summary; warnings are still shown."),
-    traceback_option,
+    group.traceback_option,
 )
 
 
@@ -88,17 +74,17 @@ def run_application(
     from cpmkit.scenefile.application_files import load_application
     from cpmkit.scenefile.scene_files import load_scene
 
-    with collected_warnings() as issued, progress_callback(scene, quiet) as progress:
+    with collected_warnings() as issued, group.progress_callback(scene, quiet) as progress:
         begun = time.perf_counter()
         try:
             loaded: Any = load_scene(scene) if command == "distance" else load_application(scene, command)
-            folder, request = output or loaded.output.folder, with_look(loaded.output, None, look, None)
+            folder, request = output or loaded.output.folder, group.with_look(loaded.output, None, look, None)
             check_request(request, loaded.scene.surface, folder, 1 if command == "distance" else None)
-            decided, options = spacing_and_options(loaded, spacing, **accuracy)
+            decided, options = group.spacing_and_options(loaded, spacing, **accuracy)
             options |= {"surface": loaded.scene, "spacing": decided, "progress": progress}
             result = solve(options | getattr(loaded, "arguments", {}), request.wants_error)
         except Exception:
-            print_warnings(issued, err=True)
+            group.print_warnings(issued, err=True)
             raise
         solution = replace(result.solution, seconds={"make": time.perf_counter() - begun})  # of all its solves
         warnings = list(dict.fromkeys([*issued, *solution.warnings]))
@@ -109,7 +95,7 @@ def run_application(
             np.savetxt(unfinished, rows, delimiter=",")
         lines.append(f"written    {folder / name}")
     head = [f"unknowns   {solution.discretized.size:,} at spacing {solution.spacing:.4g}"]
-    print_outcome(solution, written.summary | result.values, warnings, head, lines, as_json, quiet)
+    group.print_outcome(solution, written.summary | result.values, warnings, head, lines, as_json, quiet)
     written.check()
 
 
@@ -147,7 +133,7 @@ def _solve_map(arguments: dict[str, Any], _wants_error: bool) -> ApplicationResu
 
 @click.command()
 @application_options
-@accuracy_options
+@group.accuracy_options
 def paint(estimate: bool | None, **keys: Any) -> None:
     """Diffuse the colours of a scene's curves over its surface, and write the files of [output].
 
@@ -158,7 +144,7 @@ def paint(estimate: bool | None, **keys: Any) -> None:
     def solve(arguments: dict[str, Any], _wants_error: bool) -> ApplicationResult:
         from cpmkit.applications import diffusion_curves
 
-        return ApplicationResult(with_error(diffusion_curves(**arguments).solution, estimate))
+        return ApplicationResult(group.with_error(diffusion_curves(**arguments).solution, estimate))
 
     run_application("paint", solve, **keys)
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.runtime.index_sets import inverse_index
 from cpmkit.types import Bools, Floats, Ints
 
 Vector = tuple[float, float, float]
@@ -103,8 +104,6 @@ class SplitTriangulation:
     @cached_property
     def _roots_of_vertices(self) -> tuple[Ints, Ints]:
         """(v + 1,) starts of the lists of original triangles at each vertex, and (3 m,) these lists joined."""
-        from cpmkit.runtime.index_sets import inverse_index
-
         starts, places = inverse_index(self.original.cells.ravel(), len(self.original.vertices))
         return starts, places // 3
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import block_array, block_diag, csc_array, eye_array, hstack
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
@@ -48,8 +49,6 @@ class EnrichedSpace(FunctionSpace):
 
     def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> SparseMatrix:
         """Return the matrix (k, n + m) that evaluates u at ``points`` (k, d) in the given patches and cells (k,)."""
-        from scipy.sparse import hstack
-
         return hstack([self.spline_rows(patch, points), self.singular_rows(points, cells)], format="csr")
 
     def further_gradient_rows(self, points: Floats, cells: Ints) -> Sequence[SparseMatrix]:
@@ -96,8 +95,6 @@ class EnrichedSpace(FunctionSpace):
 
     def _columns(self, columns: Sequence[tuple[Ints, Floats]], count: int) -> SparseMatrix:
         """Return the matrix (count, m) with the given rows (k,) and entries (k,) of each column."""
-        from scipy.sparse import csc_array
-
         starts = np.cumsum([0, *(len(rows) for rows, _ in columns)])
         rows = np.concatenate([np.zeros(0, dtype=np.int64), *(rows for rows, _ in columns)])
         entries = np.concatenate([np.zeros(0), *(entries for _, entries in columns)])
@@ -129,8 +126,6 @@ class EnrichedSpace(FunctionSpace):
 
         The result is (n + m, n + m). ``a`` and ``c`` are (q,), at all samples, or (1,); None stands for no such term.
         """
-        from scipy.sparse import block_array
-
         m = len(self.functions)
         mixed, singular = np.zeros((self.spline_count, m)), np.zeros((m, m))
         dof_map, samples = self.dof_map, self.splines.samples
@@ -149,8 +144,6 @@ class EnrichedSpace(FunctionSpace):
 
     def extend_conditions(self, terms: ConditionTerms) -> ConditionTerms:
         """Return the ``terms`` of conditions for the splines as terms for the splines and the psi."""
-        from scipy.sparse import hstack
-
         points, cells = terms.samples.points, terms.samples.cell
         slopes = self.singular_derivative_rows(points, cells, terms.samples.conormals)
         return replace(
@@ -164,8 +157,6 @@ class EnrichedSpace(FunctionSpace):
     @cached_property
     def plain_levels(self) -> list[Level]:
         """The multigrid levels of coarser lattices, on which the s_k remain unknowns, solved for with the strip."""
-        from scipy.sparse import block_diag, eye_array
-
         m, levels = len(self.functions), []
         for level in super().plain_levels:
             prolongation = block_diag([level.prolongation, eye_array(m)], format="csr")

@@ -27,6 +27,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array, vstack
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.dof_map import DofMap, build_patches, dof_map_from_patches, unequal_pairs
@@ -92,8 +93,6 @@ def _finer_level(
     coarse: LevelSplines, number: int, points: Floats, corners: Any, cell: Any, regions: Regions
 ) -> LevelSplines:
     """Return the splines of level ``number``, the level after ``coarse``; see :func:`level_splines`."""
-    from scipy.sparse import csr_array
-
     in_region_or_halo = coarse.is_read_by(coarse.subdivided)[coarse.dof_map.unknowns].any(axis=1)
     chosen = in_region_or_halo[coarse.dof_map.patch]
     rows, coarse_patch = coarse.rows[chosen], coarse.dof_map.patch[chosen]
@@ -120,8 +119,6 @@ def _is_subdivided(cells: Ints, inside: Bools, regions: Regions, level: int) -> 
 
 def representations(levels: Sequence[LevelSplines], cap: int) -> list[SparseMatrix]:
     """Return the representations R_l (n_l, n), l = 0 to ``cap``, for the space whose finest level is ``cap``."""
-    from scipy.sparse import csr_array, diags_array
-
     actives = [level.candidates if number == cap else level.active for number, level in enumerate(levels[: cap + 1])]
     starts = np.cumsum([0, *(int(active.sum()) for active in actives)])
     matrices: list[SparseMatrix] = []
@@ -142,8 +139,6 @@ def prolongation_to(levels: Sequence[LevelSplines], cap: int, coarser: SparseMat
     Truncated splines keep their coefficients on finer levels; the coefficients of the splines of level ``cap`` follow
     from the two-scale relation.
     """
-    from scipy.sparse import csr_array, vstack
-
     before = [level.candidates if number == cap - 1 else level.active for number, level in enumerate(levels[:cap])]
     stays = np.concatenate([level.active[candidates] for level, candidates in zip(levels[:cap], before, strict=True)])
     rows = np.flatnonzero(stays)
@@ -226,8 +221,6 @@ class RefinedSpace(FunctionSpace):
     @cached_property
     def representation(self) -> SparseMatrix:
         """R (N, n), whose columns are the active splines as coefficients of :attr:`splines`."""
-        from scipy.sparse import vstack
-
         by_level = representations(self.levels, self.regions.finest)
         return vstack([matrix[used] for matrix, used in zip(by_level, self.used, strict=True)], format="csr")
 

@@ -21,7 +21,16 @@ import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import lines_through
 from cpmkit.forms.galerkin.options import Stabilisation
+from cpmkit.forms.galerkin.space.pattern_kernels import add_squared_differences
+from cpmkit.forms.galerkin.space.sample_kernels import (
+    SPLINES,
+    add_load,
+    add_slope_load_of_samples,
+    read_slopes,
+    read_values,
+)
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
+from cpmkit.runtime.index_sets import inverse_index
 from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: The slice of all samples.
@@ -74,8 +83,6 @@ def load(space: SplineSpace, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
 
     ``f`` is (q, channels) at these samples, or (1, channels) where it is constant.
     """
-    from cpmkit.forms.galerkin.space.sample_kernels import add_load
-
     dof_map, samples = space.dof_map, space.samples
     loads = np.zeros((dof_map.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
@@ -89,8 +96,6 @@ def gradient_load(space: SplineSpace, field: Floats) -> Floats:
 
     Only the tangential part of ``field`` (p, d) at these samples is used.
     """
-    from cpmkit.forms.galerkin.space.sample_kernels import add_slope_load_of_samples
-
     dof_map, samples, loads = space.dof_map, space.samples, np.zeros(space.dof_map.size)
     sample_arrays = dof_map.patch, *_spline_count_tuples(space), samples.places, samples.directions, samples.weights
     field = np.ascontiguousarray(field, dtype=np.float64)
@@ -100,8 +105,6 @@ def gradient_load(space: SplineSpace, field: Floats) -> Floats:
 
 def values_at_samples(space: SplineSpace, u: Floats, some: slice | Ints = EVERY_SAMPLE) -> Floats:
     """Return the values (q, channels) at the samples ``some`` of the splines with coefficients ``u`` (n, channels)."""
-    from cpmkit.forms.galerkin.space.sample_kernels import read_values
-
     dof_map, places = space.dof_map, space.samples.places[some]
     values = np.empty((len(places), u.shape[1]))
     read_values(
@@ -115,8 +118,6 @@ def gradients_at_samples(space: SplineSpace, u: Floats, some: slice = EVERY_SAMP
 
     ``u`` (n, channels) are the coefficients of the splines.
     """
-    from cpmkit.forms.galerkin.space.sample_kernels import read_slopes
-
     dof_map, samples, patch = space.dof_map, space.samples, space.dof_map.patch[some]
     gradients = np.empty((len(patch), u.shape[1], dof_map.dim))
     sample_arrays = patch, *_spline_count_tuples(space), samples.places[some], samples.directions[some]
@@ -212,9 +213,6 @@ def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Float
 
     Each run is a sequence of k unknowns along an axis; ``data`` (z,) are those of a matrix of the space.
     """
-    from cpmkit.forms.galerkin.space.pattern_kernels import add_squared_differences
-    from cpmkit.runtime.index_sets import inverse_index
-
     by_unknown = inverse_index(runs.ravel(), space.dof_map.size)
     matrix = space.indptr, space.indices, data
     add_squared_differences(runs, *by_unknown, differences(runs.shape[1] - 1), factors, matrix)
@@ -246,8 +244,6 @@ def _spline_count_tuples(space: SplineSpace) -> tuple[tuple[int, ...], tuple[int
     The first is for the first two axes, the second for the third axis, of length 1 in the plane. Their entries are
     unused: a compiled kernel knows the length of a tuple when it is compiled.
     """
-    from cpmkit.forms.galerkin.space.sample_kernels import SPLINES
-
     along = SPLINES[space.dof_map.degree]
     return along, along if space.dof_map.dim == 3 else (0,)
 
@@ -258,9 +254,6 @@ def kernel_arguments(space: SplineSpace) -> tuple[Ints, float, tuple[int, ...], 
     The last two are the numbers (q,) of the samples sorted by patch, and where each patch starts among them (p + 1,).
     To compute them takes a thirtieth of an assembly; stored they would add a tenth to the memory of the samples.
     """
-    from cpmkit.forms.galerkin.space.sample_kernels import SPLINES
-    from cpmkit.runtime.index_sets import inverse_index
-
     dof_map = space.dof_map
     start, order = inverse_index(dof_map.patch, len(dof_map.cells))
     return dof_map.unknowns, dof_map.spacing, SPLINES[dof_map.degree], order, start

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap, connected_pieces, lines_through
+from cpmkit.forms.galerkin.space.pattern_kernels import next_neighbours, runs_of, sparsity_pattern
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.mesh.cell_quadrature import Samples
+from cpmkit.runtime.index_sets import inverse_index
 from cpmkit.types import Floats, Ints, SparseMatrix
 
 
@@ -158,9 +160,6 @@ class SplineSpace:
 
 def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SplineSpace:
     """Return the spline space with the unknowns of ``dof_map`` and its ``samples``, quantised if they are not yet."""
-    from cpmkit.forms.galerkin.space.pattern_kernels import next_neighbours, runs_of, sparsity_pattern
-    from cpmkit.runtime.index_sets import inverse_index
-
     samples = QuantisedSamples.of(samples, dof_map) if isinstance(samples, Samples) else samples
     n = dof_map.size
     patches, width = dof_map.unknowns.shape
