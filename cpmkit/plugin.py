@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from cpmkit.formulas.steps import FUNCTIONS as FUNCTIONS
     from cpmkit.formulas.steps import formula_tree as formula_tree
     from cpmkit.grid.lattice import cell_levels as cell_levels
-    from cpmkit.grid.spacings import needed_spacing as needed_spacing
+    from cpmkit.grid.lattice import needed_spacing as needed_spacing
     from cpmkit.hookspecs import hookimpl as hookimpl
     from cpmkit.linear.operators import Border as Border
     from cpmkit.linear.operators import CsrOperator as CsrOperator
@@ -258,7 +258,7 @@ GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "forms.contract": ("Discretized",),
         "forms.form_records": ("FormTraits", "StateFlux"),
         "forms.galerkin.cut_mesh": ("CutMesh", "cut_along_boundaries"),
-        "grid.spacings": ("needed_spacing",),
+        "grid.lattice": ("needed_spacing",),
         "linear.operators": ("Border", "CsrOperator", "Stiffness"),
         "manifold.abilities": ("warnings_of",),
         "mesh.mesh": ("edge_support", "vertex_normals"),

@@ -17,8 +17,7 @@ from cpmkit.errors import CpmkitError, ResolutionError
 from cpmkit.forms.choice import cost_model
 from cpmkit.forms.cost_model import fitting_unknowns, growth_through, line_through
 from cpmkit.forms.options import lattice_options
-from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
-from cpmkit.grid.spacings import unknowns_at_unit_spacing
+from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, unknowns_at_unit_spacing
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene

@@ -145,8 +145,7 @@ class Measured(Result):
 
     def gradient(self, points: Any) -> Floats:
         """Return the tangential gradient (n, d) at ``points`` (n, d), of length one except at ridges, ends and gaps."""
-        gradient: Floats = self.solution.gradient(points)
-        return gradient
+        return np.asarray(self.solution.gradient(points))
 
 
 MeasuredResult = TypeVar("MeasuredResult", bound=Measured)

@@ -20,7 +20,7 @@ from typing import Any, cast
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.families.context import PreparedSystem, SolveContext, times_mass, with_border
+from cpmkit.families.context import SolveContext, times_mass, with_border
 from cpmkit.forms.contract import Discretized, require_ability
 from cpmkit.forms.data_checks import Imbalance, balanced_solution
 from cpmkit.linear.constant_functions import ConstantFunctions
@@ -143,8 +143,7 @@ class BiharmonicRecord(SolutionRecord):
 
     def laplacian(self, points: Any, side: Sides = None) -> Floats:
         """Return Lap u at ``points``; parameters and shape of :meth:`cpmkit.Solution.evaluate`."""
-        values: Floats = replace(self, values=self.second).evaluate(points, side)
-        return values
+        return np.asarray(replace(self, values=self.second).evaluate(points, side))
 
     def arrays(self) -> dict[str, Any]:
         """Return the lattice, the nodes, the values and the Laplacian as plain arrays, by name."""
@@ -202,7 +201,7 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     """
     del c  # is zero
     form = context.discretized
-    system = context.cache.get(("pair", 0.0), _prepare_laplacian, context, stiffness)
+    system = context.cache.get(("pair", 0.0), lambda: context.prepare_system(with_border(form, stiffness)))
     bordered, imbalances = as_bordered(system.operator), tuple[Imbalance, ...]()
     v, first = system.solve(q, context.tolerance, progress=context.progress)
     if bordered is not None:
@@ -211,11 +210,6 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     if bordered is not None:
         u, v = _with_mean_of_laplacian(bordered, form, u, v)
     return u, v, _combined_report(first, second), imbalances
-
-
-def _prepare_laplacian(context: SolveContext, stiffness: Stiffness) -> PreparedSystem:
-    """Return the prepared system of ``stiffness`` K, with a border on pieces where no condition fixes a constant."""
-    return context.prepare_system(with_border(context.discretized, stiffness))
 
 
 def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v: Floats) -> tuple[Floats, Floats]:

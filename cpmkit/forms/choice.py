@@ -14,7 +14,7 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.forms.cost_model import CostModel
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.options import AUTO, Options
-from cpmkit.grid.spacings import needed_spacing, other_solver_hint, rounded_up
+from cpmkit.grid.lattice import needed_spacing, other_solver_hint, rounded_up
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime import memory

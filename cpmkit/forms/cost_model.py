@@ -12,8 +12,7 @@ import numpy as np
 
 from cpmkit.forms.options import Options, Own
 from cpmkit.grid.band import base_offset, stencil_codes
-from cpmkit.grid.lattice import Codes, cell_levels, nodes_of_blocks
-from cpmkit.grid.spacings import check_spacing_fits
+from cpmkit.grid.lattice import Codes, cell_levels, check_spacing_fits, nodes_of_blocks
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import html_table

@@ -33,15 +33,6 @@ class Field:
     factors accept it. At its own points it returns the values as they are; elsewhere it interpolates with the functions
     of the form. Made by ``prepared.field(data)``.
 
-    Attributes
-    ----------
-    form : Discretized
-        The form at whose points the values are.
-    values : (p,) or (p, channels) float64
-        The values at the points of the form.
-    unknowns : (n, channels) float64, optional
-        Unknowns of the function with these values, if they are known, as for a solution.
-
     Examples
     --------
     >>> import cpmkit as ck
@@ -51,8 +42,9 @@ class Field:
     True
     """
 
-    form: Discretized
-    values: Floats
+    form: Discretized  #: The form at whose points the values are.
+    values: Floats  #: (p,) or (p, channels): the values at the points of the form.
+    #: (n, channels): unknowns of the function with these values, if they are known, as for a solution.
     unknowns: Floats | None = None
 
     def __post_init__(self) -> None:

@@ -100,8 +100,7 @@ class Expression(Formula):
         """
         if t is None and self.takes_time:
             raise SceneError(f"the formula {shown(self.text)} depends on t, and there is no time here; leave t out.")
-        values: Floats = self._values(points, t=t)[0]
-        return values
+        return np.asarray(self._values(points, t=t)[0])
 
 
 class StateExpression(Formula):
@@ -120,8 +119,7 @@ class StateExpression(Formula):
 
     def __call__(self, u: Floats, s: Floats, points: Floats) -> Floats:
         """Return the values (n,) for u (n,), s (n,) and points (n, d); SceneError if they lack a coordinate."""
-        values: Floats = self._values(points, u=u, s=s)[0]
-        return values
+        return np.asarray(self._values(points, u=u, s=s)[0])
 
 
 @dataclass(frozen=True)

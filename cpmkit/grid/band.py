@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError, shown
-from cpmkit.grid.lattice import Codes, cell_levels, find_codes, nodes_of_blocks
-from cpmkit.grid.spacings import COUNTED_BLOCKS, check_band_memory
+from cpmkit.grid.lattice import COUNTED_BLOCKS, Codes, cell_levels, check_band_memory, find_codes, nodes_of_blocks
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.types import Floats, Ints, Progress, no_progress

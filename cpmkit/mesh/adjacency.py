@@ -55,8 +55,7 @@ def cut_corners(mesh: Mesh) -> Ints:
     edges = mesh.edges
     barred = np.zeros(len(edges.ends) + 1, dtype=bool)
     barred[mesh.cut_edges] = True
-    corners: Ints = mesh_kernels.join_corners(np.ascontiguousarray(mesh.cells), edges.of_cells, barred[:-1])
-    return corners
+    return np.asarray(mesh_kernels.join_corners(np.ascontiguousarray(mesh.cells), edges.of_cells, barred[:-1]))
 
 
 def has_cut_corners(mesh: Mesh, corners: Ints) -> bool:

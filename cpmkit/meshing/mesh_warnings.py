@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.grid.spacings import rounded_up
+from cpmkit.grid.lattice import rounded_up
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.adjacency import RepairReport
 from cpmkit.mesh.mesh import CellGeometry

@@ -53,17 +53,13 @@ def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
         if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
             continue
         needed = parameter.default is parameter.empty
-        declared = "" if parameter.annotation is parameter.empty else _type_name(parameter.annotation)
+        annotation = "" if parameter.annotation is parameter.empty else parameter.annotation
+        declared = annotation.__name__ if isinstance(annotation, type) else str(annotation).strip("'")
         types, summary = documented.get(name, ("", ""))
         summary = summary or SHARED_KEYS.get(name, "")
         default = None if needed or callable(parameter.default) else parameter.default
         keys.append(Key(name, types or JSON_TYPES.get(declared, declared), declared, needed, default, summary))
     return tuple(keys)
-
-
-def _type_name(annotation: Any) -> str:
-    """Return the name of an annotation: that of a class, or the text of a postponed annotation without quotes."""
-    return annotation.__name__ if isinstance(annotation, type) else str(annotation).strip("'")
 
 
 def first_sentence(text: str | None) -> str:

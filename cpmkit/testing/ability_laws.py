@@ -7,20 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from cpmkit.manifold.abilities import (
-    ABILITIES,
-    HasAdvice,
-    HasCreases,
-    HasLeft,
-    HasLocalMinima,
-    HasMembers,
-    HasMesh,
-    HasNormals,
-    HasTangents,
-    HasTranslation,
-    HasValues,
-    members_of,
-)
+from cpmkit.manifold import abilities
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.testing.queries import ROUND_OFF_SHARE, Subject, certain, law, require, require_refusal, require_rows
 from cpmkit.types import Floats, Ints
@@ -35,7 +22,7 @@ TOWARDS_QUERY_SHARE = 1e-3
 AROUND_FOOT_SHARE = 1e-5
 
 
-@law("near", HasNormals)
+@law("near", abilities.HasNormals)
 def check_normals(subject: Subject, x: Floats) -> None:
     """Normals have length one and are perpendicular to the manifold, with one sign on both sides of it.
 
@@ -57,7 +44,7 @@ def check_normals(subject: Subject, x: Floats) -> None:
     _require_agreement(above, below, feet.points, "The two sides have opposite normals")
 
 
-@law("near", HasCreases)
+@law("near", abilities.HasCreases)
 def check_facet_normals(subject: Subject, x: Floats) -> None:
     """Normals of facets have length one, or are NaN in all coordinates."""
     feet = subject.feet(x)
@@ -66,7 +53,7 @@ def check_facet_normals(subject: Subject, x: Floats) -> None:
     _require_unit(normals[flat], feet.points[flat])
 
 
-@law("near", HasTangents)
+@law("near", abilities.HasTangents)
 def check_tangents(subject: Subject, x: Floats) -> None:
     """Tangents have length one, lie along the curve, and those of neighbouring feet have the same direction."""
     feet = subject.feet(x)
@@ -83,7 +70,7 @@ def check_tangents(subject: Subject, x: Floats) -> None:
     _require_agreement(subject.source.tangents(ahead), tangents, feet.points, "Neighbours have opposite tangents")
 
 
-@law("near", HasValues)
+@law("near", abilities.HasValues)
 def check_values(subject: Subject, x: Floats) -> None:
     """Interpolation preserves constants and the number of channels."""
     values = np.tile([3.0, -1.0], (subject.source.value_count, 1))
@@ -93,7 +80,7 @@ def check_values(subject: Subject, x: Floats) -> None:
     require_rows((np.abs(read - values[0]) <= ROUND_OFF_SHARE).all(axis=1), x, "The constants 3, -1 are read as", read)
 
 
-@law(ability=HasMesh)
+@law(ability=abilities.HasMesh)
 def check_mesh(subject: Subject) -> None:
     """The vertices of a mesh lie on the manifold; its cells have as many distinct vertices as its dimension demands."""
     for share in (0.5, 0.05):
@@ -112,7 +99,7 @@ def check_mesh(subject: Subject) -> None:
         require_rows(off <= subject.round_off(vertices), vertices, "A vertex lies off the manifold by", off)
 
 
-@law(ability=HasAdvice)
+@law(ability=abilities.HasAdvice)
 def check_advice(subject: Subject) -> None:
     """Each warning is one sentence, a string that ends with its only full stop; the floor is finite, not negative."""
     for share in (0.5, 0.05, 0.005):
@@ -126,7 +113,7 @@ def check_advice(subject: Subject) -> None:
             require(np.isfinite(floor) and floor >= 0, f"The floor is {floor}.")
 
 
-@law("near", HasAdvice)
+@law("near", abilities.HasAdvice)
 def check_finite_feet(subject: Subject, x: Floats) -> None:
     """A source whose feet are finitely many has no more of them than its advice states."""
     count = subject.source.advice(subject.size).foot_count
@@ -135,7 +122,7 @@ def check_finite_feet(subject: Subject, x: Floats) -> None:
         require(len(feet) <= count, f"There are {len(feet)} feet at least, not {count}.")
 
 
-@law("near unless exact", HasTranslation, together=True)
+@law("near unless exact", abilities.HasTranslation, together=True)
 def check_translation(subject: Subject, x: Floats) -> None:
     """A translated source has the source's answers, moved by the offset, and the same abilities.
 
@@ -143,7 +130,7 @@ def check_translation(subject: Subject, x: Floats) -> None:
     """
     offset = subject.size * np.array([3.0, -50.0, 0.3])[: subject.source.dim]
     moved = subject.source.translate(offset)
-    for ability in ABILITIES:
+    for ability in abilities.ABILITIES:
         same = isinstance(moved, ability) == isinstance(subject.source, ability)
         require(same, f"Only one of the two has {ability.__name__}.")
     apart = np.abs(moved.bounds - (subject.source.bounds + offset)).max()
@@ -159,14 +146,14 @@ def check_translation(subject: Subject, x: Floats) -> None:
     require_rows(apart <= allowed + subject.case.turning_angle * original.distance, x, "|x - points| changes by", apart)
 
 
-@law("near", HasLeft)
+@law("near", abilities.HasLeft)
 def check_left(subject: Subject, x: Floats) -> None:
     """Vectors to the left have length one and are perpendicular to the curve; ``left_of`` lies on the left."""
     feet = subject.source.closest_point(x)
     feet = feet.take(certain(feet))
     left = subject.source.leftward(feet)
     _require_unit(left, feet.points)
-    if isinstance(subject.source, HasTangents):
+    if isinstance(subject.source, abilities.HasTangents):
         along = np.abs(np.sum(left * subject.source.tangents(feet), axis=1))
         require_rows(along <= ROUND_OFF_SHARE, feet.points, "A vector to the left leans along the curve by", along)
     left_of = getattr(subject.source, "left_of", None)
@@ -212,7 +199,7 @@ def _require_agreement(first: Floats, second: Floats, points: Floats, message: s
         require_rows(~opposite, points, message)
 
 
-@law("anywhere", HasLocalMinima)
+@law("anywhere", abilities.HasLocalMinima)
 def check_local_minima(subject: Subject, x: Floats) -> None:
     """Feet within a radius lie on the manifold at their distance, ordered by row and distance, the closest point first.
 
@@ -243,7 +230,7 @@ def check_local_minima(subject: Subject, x: Floats) -> None:
     require(same, "The feet within a small radius are not those that a large one finds there.")
 
 
-@law("near unless exact", HasLocalMinima)
+@law("near unless exact", abilities.HasLocalMinima)
 def check_sheets(subject: Subject, x: Floats) -> None:
     """Feet of one query are distinct local minima; each is the closest point of a point a little nearer the query.
 
@@ -264,7 +251,7 @@ def check_sheets(subject: Subject, x: Floats) -> None:
             _require_minima(member, x[rows[chosen]], points, subject)
 
 
-@law(ability=HasLocalMinima)
+@law(ability=abilities.HasLocalMinima)
 def check_bad_radius(subject: Subject) -> None:
     """Wrong queries, and a radius not above zero, are refused with InputError."""
     good, dim = subject.centre[None], subject.source.dim
@@ -299,8 +286,9 @@ def _require_order(subject: Subject, x: Floats, rows: Ints, feet: ClosestPoints)
 
 def _by_member(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tuple[ClosestPointSource, Ints]]:
     """Yield each member of a union, or the source itself, with the indices (k,) of its points among ``feet``."""
-    for number, member in enumerate(members_of(source)):
-        yield member, np.flatnonzero(feet.element == number) if isinstance(source, HasMembers) else np.arange(len(feet))
+    for number, member in enumerate(abilities.members_of(source)):
+        everywhere = not isinstance(source, abilities.HasMembers)
+        yield member, np.arange(len(feet)) if everywhere else np.flatnonzero(feet.element == number)
 
 
 def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subject) -> None:

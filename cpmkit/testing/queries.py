@@ -59,8 +59,7 @@ class Subject:
     def round_off(self, x: Floats) -> Floats:
         """Return the length (n,) by which rounding may change the answers to queries ``x`` (n, d)."""
         largest = np.abs(x).max(axis=1) + np.abs(self.source.bounds).max() + self.size
-        allowed: Floats = ROUND_OFF_SHARE * largest
-        return allowed
+        return np.asarray(ROUND_OFF_SHARE * largest)
 
     def feet(self, x: Floats) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d), computed once for all laws that only read them."""
@@ -143,8 +142,7 @@ def symmetric_points(subject: Subject) -> Floats:
     signs = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
     half = 0.5 * np.ptp(subject.source.bounds, axis=0)
     half = np.where(half > 0, half, subject.size)
-    points: Floats = subject.centre + np.concatenate([signs, 0.5 * signs[1:], 1e-170 * signs[1:]]) * half
-    return points
+    return np.asarray(subject.centre + np.concatenate([signs, 0.5 * signs[1:], 1e-170 * signs[1:]]) * half)
 
 
 def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:

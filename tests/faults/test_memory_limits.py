@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.grid.spacings import fitting_spacing
+from cpmkit.grid.lattice import fitting_spacing
 from cpmkit.plugin import as_vector, localize
 from cpmkit.runtime import memory
 

@@ -13,8 +13,15 @@ from cpmkit.forms.collocation.layout_checks import check_layout, geometry_warnin
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.cost_model import CostModel, Explanation, Part, condition_name, sides_in_words, solver_part
 from cpmkit.grid.band import base_offset
-from cpmkit.grid.lattice import COARSEST_BAND_SHARE, cell_levels, lattice_of, nodes_of_blocks
-from cpmkit.grid.spacings import bytes_per_unknown, check_band_memory, fitting_spacing
+from cpmkit.grid.lattice import (
+    COARSEST_BAND_SHARE,
+    bytes_per_unknown,
+    cell_levels,
+    check_band_memory,
+    fitting_spacing,
+    lattice_of,
+    nodes_of_blocks,
+)
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import HasNormals, HasTangents, advice_of
 from cpmkit.manifold.local_source import largest_dim, localize

@@ -50,12 +50,7 @@ ON_BOUNDARY_GHOSTS_SHARE = 0.05
 class Collocation(Reader):
     """A scene discretised by collocation; the unknowns are values at the band's inner nodes and at ghosts.
 
-    Attributes
-    ----------
-    scene : Scene
-        The scene, with its equation.
-    tables : Discretization
-        The band with its extension and differences.
+    ``scene`` is the scene, with its equation; ``tables`` are the band with its extension and differences.
     """
 
     form: ClassVar[str] = "collocation"
@@ -129,8 +124,7 @@ class Collocation(Reader):
                 for datum in data
                 if isinstance(datum.law, Support)
             ]
-        spread: Floats = stiffness.datum_load(self._sum_of(data, time))
-        return spread
+        return np.asarray(stiffness.datum_load(self._sum_of(data, time)))
 
     def _sum_of(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:
         """Return the sum (rows, channels) of the terms ``data`` at ``time`` in each row of E."""

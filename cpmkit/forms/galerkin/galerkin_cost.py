@@ -12,8 +12,7 @@ from cpmkit.forms.cost_model import CostModel, Explanation, Part, sides_in_words
 from cpmkit.forms.galerkin.equation_assembly import multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.solve_memory import SolveMemory
-from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
-from cpmkit.grid.spacings import suggest_spacing
+from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, suggest_spacing
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.manifold.local_source import largest_dim

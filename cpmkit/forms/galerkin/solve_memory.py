@@ -11,8 +11,14 @@ import numpy as np
 from cpmkit.forms.cost_model import fitting_unknowns
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
-from cpmkit.grid.lattice import check_numbered, lattice_of
-from cpmkit.grid.spacings import SPARE_MEMORY_SHARE, check_spacing_fits, rounded_up, unknowns_at_unit_spacing
+from cpmkit.grid.lattice import (
+    SPARE_MEMORY_SHARE,
+    check_numbered,
+    check_spacing_fits,
+    lattice_of,
+    rounded_up,
+    unknowns_at_unit_spacing,
+)
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene

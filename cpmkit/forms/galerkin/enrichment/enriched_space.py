@@ -104,12 +104,8 @@ class EnrichedSpace(FunctionSpace):
 
     def load(self, values: Floats) -> Floats:
         """Return the integrals (n + m, k) of ``values`` (p, k) at the samples of the manifold times each function."""
-        return np.concatenate([super().load(values), self._singular_loads(values)])
-
-    def _singular_loads(self, values: Floats) -> Floats:
-        """Return the integrals (m, k) of ``values`` (p, k) at the samples of the manifold times each psi."""
         weighted = self.splines.samples.weights[: self.interior, None] * values
-        return np.asarray(self._singular_at_samples.T @ weighted)
+        return np.concatenate([super().load(values), self._singular_at_samples.T @ weighted])
 
     def gradient_load(self, values: Floats) -> Floats:
         """Return the integrals (n + m,) of vectors (p, d) at samples times the tangential gradient of each function."""
