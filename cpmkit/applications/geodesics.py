@@ -20,16 +20,7 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.heat import (
-    DISTANCE_RESIDUAL,
-    Origins,
-    Pieces,
-    heat_directions,
-    heat_solver,
-    origins_of,
-    pieces_of,
-    scene_of,
-)
+from cpmkit.applications import heat
 from cpmkit.applications.result import Measured, count_rounds, measure_to_target
 from cpmkit.errors import ResolutionError, place
 from cpmkit.facade import Solution
@@ -48,7 +39,7 @@ def transport_solver(prepared: Prepared) -> Prepared:
     """Return the prepared scene with one preconditioner for all rounds of transport and a default residual of 1e-7."""
     solver = prepared.solver
     if solver.solver_tolerance is None:
-        prepared = prepared.solved_by(solver.solver, solver_tolerance=DISTANCE_RESIDUAL, **solver.further)
+        prepared = prepared.solved_by(solver.solver, solver_tolerance=heat.DISTANCE_RESIDUAL, **solver.further)
     return prepared.sharing_preconditioner()
 
 
@@ -85,9 +76,9 @@ class Distance(Measured):
     ``solution`` is the distance on splines of the lattice, smooth at the origins where the distance has a tip.
     """
 
-    origins: Origins  #: Points and curves from which it is measured.
+    origins: heat.Origins  #: Points and curves from which it is measured.
     rounds: int  #: Number of rounds of transport.
-    pieces: Pieces  #: Connected pieces of the manifold.
+    pieces: heat.Pieces  #: Connected pieces of the manifold.
     reached: Bools  #: (count,): which pieces have an origin.
 
     def evaluate(self, points: Any) -> Floats:
@@ -203,14 +194,14 @@ def geodesic_distance(
     True
     """
     rounds = count_rounds(method, rounds)
-    sources = origins_of(origins, scene_of(surface).surface)
+    sources = heat.origins_of(origins, heat.scene_of(surface).surface)
     return measure_to_target(surface, spacing, options, lambda scene: _solve_geodesic_distance(scene, sources, rounds))
 
 
-def _solve_geodesic_distance(prepared: Prepared, origins: Origins, rounds: int) -> Distance:
+def _solve_geodesic_distance(prepared: Prepared, origins: heat.Origins, rounds: int) -> Distance:
     """Return the distance on a prepared scene, by heat and ``rounds`` of transport; warn of pieces without origin."""
     points = prepared.discretized.points  # a local, so that all fields below share the array
-    pieces = pieces_of(prepared)
+    pieces = heat.pieces_of(prepared)
     straight, reached = _nearest_origins(prepared, origins, pieces, points)
     field, phi = _distance_by_heat(prepared, origins, straight, pieces)
     transport, unreached = transport_solver(prepared), ~reached[pieces.of_point]
@@ -230,7 +221,9 @@ def _solve_geodesic_distance(prepared: Prepared, origins: Origins, rounds: int) 
     return Distance(solution=phi, origins=origins, rounds=rounds, pieces=pieces, reached=reached)
 
 
-def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, points: Floats) -> tuple[Floats, Bools]:
+def _nearest_origins(
+    prepared: Prepared, origins: heat.Origins, pieces: heat.Pieces, points: Floats
+) -> tuple[Floats, Bools]:
     """Return the straight distances (p,) of ``points`` (p, d) from origins, and which pieces (count,) have an origin.
 
     A distance is infinite where the nearest origin lies on another piece.
@@ -244,14 +237,14 @@ def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, point
 
 
 def _distance_by_heat(
-    prepared: Prepared, origins: Origins, straight: Floats, pieces: Pieces
+    prepared: Prepared, origins: heat.Origins, straight: Floats, pieces: heat.Pieces
 ) -> tuple[ck.Field, Solution]:
     """Return the field X (p, d) of unit vectors away from the origins, and the distance by the heat method.
 
     A constant is added to the distance on each piece so that it is the ``straight`` distance (p,) beside the origins.
     """
-    field = heat_directions(prepared, origins, pieces)
-    phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
+    field = heat.heat_directions(prepared, origins, pieces)
+    phi = heat.heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
     h, shifts = phi.spacing, np.zeros(pieces.count)
     for piece in range(pieces.count):
         of_piece = pieces.of_point == piece

@@ -19,17 +19,8 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
+from cpmkit.applications import heat
 from cpmkit.applications.geodesics import PRESCRIBED_SPACINGS, transport_distance, transport_solver
-from cpmkit.applications.heat import (
-    HEAT_TIME,
-    Origins,
-    heat_directions,
-    heat_solver,
-    origins_of,
-    scene_of,
-    tangential_coupling,
-    vector_heat_directions,
-)
 from cpmkit.applications.result import Measured, count_rounds, measure_to_target
 from cpmkit.errors import InputError, SceneError
 from cpmkit.facade import Solution
@@ -47,7 +38,7 @@ class SignedDistance(Measured):
     ``solution`` is the distance on splines of the lattice.
     """
 
-    curves: Origins  #: Curves from which it is measured.
+    curves: heat.Origins  #: Curves from which it is measured.
     rounds: int  #: Number of rounds of transport.
 
     def evaluate(self, points: Any) -> Floats:
@@ -104,21 +95,21 @@ def signed_distance(
     >>> distance.evaluate([[0.6, 0, 0.8], [0.6, 0, -0.8]]).round(2)
     array([ 0.93, -0.93])
     """
-    rounds, manifold = count_rounds(method, rounds), scene_of(surface).surface
+    rounds, manifold = count_rounds(method, rounds), heat.scene_of(surface).surface
     if manifold.dim != 3 or manifold.manifold_dim != 2:
         raise InputError("signed distances are measured on surfaces in space.")
-    sources = origins_of(curves, manifold)
+    sources = heat.origins_of(curves, manifold)
     if len(sources.points):
         raise InputError("signed distances are those to curves, which have two sides; points have none.")
     return measure_to_target(surface, spacing, options, lambda scene: _solve_signed_distance(scene, sources, rounds))
 
 
-def _solve_signed_distance(prepared: Prepared, curves: Origins, rounds: int) -> SignedDistance:
+def _solve_signed_distance(prepared: Prepared, curves: heat.Origins, rounds: int) -> SignedDistance:
     """Return the signed distance on a prepared scene, by heat, then by ``rounds`` of transport."""
     manifold = prepared.scene.surface
     samples = [ck.boundary_points(curve, manifold, prepared.discretized.spacing) for curve in curves.curves]
     field = _gradient_directions(prepared, curves, samples)
-    phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
+    phi = heat.heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
     phi = replace(phi, values=phi.values - _mean_on_curves(phi, samples))
     straight, signed = _signed_straight_distance(curves, prepared.points)
     transport = transport_solver(prepared)
@@ -145,20 +136,20 @@ def _mean_on_curves(phi: Solution, samples: Sequence[BoundaryPoints]) -> float:
     return float(np.average(means, weights=np.concatenate([curve.lengths for curve in samples])))
 
 
-def _gradient_directions(prepared: Prepared, curves: Origins, samples: Sequence[BoundaryPoints]) -> ck.Field:
+def _gradient_directions(prepared: Prepared, curves: heat.Origins, samples: Sequence[BoundaryPoints]) -> ck.Field:
     """Return the field X (p, 3) of unit vectors along which the distance grows, by heat from ``samples`` of curves."""
     h = prepared.discretized.spacing
     strength = np.concatenate([curve.weights[:, None] / h * curve.conormals for curve in samples])
     source = ck.PointSource(np.concatenate([curve.points for curve in samples]), strength)
-    coupling = tangential_coupling(prepared, parallel=True)
-    vectors, _ = vector_heat_directions(prepared, coupling, source, HEAT_TIME)
+    coupling = heat.tangential_coupling(prepared, parallel=True)
+    vectors, _ = heat.vector_heat_directions(prepared, coupling, source, heat.HEAT_TIME)
     if not all(all(curve.closed) for curve in samples):
         return prepared.field(vectors)
-    away = heat_directions(prepared, curves)
+    away = heat.heat_directions(prepared, curves)
     return away.map(lambda _, directions: np.sign(dots(vectors, directions))[:, None] * directions)
 
 
-def _signed_straight_distance(curves: Origins, points: Floats) -> tuple[Floats, Floats]:
+def _signed_straight_distance(curves: heat.Origins, points: Floats) -> tuple[Floats, Floats]:
     """Return straight distances (p,) of ``points`` (p, 3) from curves, and signed ones, NaN where an end is nearest."""
     straight, places, number = curves.closest(points)
     signed = np.full(len(points), np.nan)

@@ -23,16 +23,8 @@ from typing import Any, Unpack
 import numpy as np
 
 import cpmkit as ck
+from cpmkit.applications import result
 from cpmkit.applications.heat import scene_of, tangential_coupling
-from cpmkit.applications.result import (
-    Result,
-    check_choice,
-    dirichlet_at_points,
-    spread_points,
-    unpack_pair,
-    with_arrows,
-    with_colours,
-)
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, Mesh, dots, norms, unit, vertex_normals
@@ -112,7 +104,7 @@ def _wrap(angles: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TangentField(Result):
+class TangentField(result.Result):
     """A field of tangential vectors: read, saved and drawn as a solution of three channels.
 
     ``solution`` has the vectors on splines of the lattice, tangential to the order of the method, of any length.
@@ -149,9 +141,9 @@ class TangentField(Result):
         surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
         size = float(np.ptp(surface.bounds, axis=0).max())
         length = 0.045 * size if length is None else positive(length, "length")
-        centres = mesh.points[spread_points(mesh.points, 0.95 * length)]
-        plain = with_colours(self.solution, np.broadcast_to((0.93, 0.92, 0.9), mesh.points.shape))
-        return with_arrows(plain, centres, self.evaluate(centres, normalized=True), length, (0.10, 0.25, 0.55))
+        centres = mesh.points[result.spread_points(mesh.points, 0.95 * length)]
+        plain = result.with_colours(self.solution, np.broadcast_to((0.93, 0.92, 0.9), mesh.points.shape))
+        return result.with_arrows(plain, centres, self.evaluate(centres, normalized=True), length, (0.10, 0.25, 0.55))
 
     def picture(self, path: Any, *, length: float | None = None, **options: Unpack[LookKeywords]) -> Any:
         """Draw arrows of one length on the surface, as :meth:`cpmkit.Solution.picture` draws.
@@ -215,7 +207,7 @@ def vector_field(
     >>> sum(one.index for one in field.singularities)
     2
     """
-    check_choice(transport, ("parallel", "paper"), "transport")
+    result.check_choice(transport, ("parallel", "paper"), "transport")
     scene = scene_of(surface)
     check_surface(scene.surface)
     if not directions:
@@ -244,7 +236,7 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
 
     Raises InputError if it is no such pair, or a direction is zero or normal to the surface.
     """
-    where, which = unpack_pair(pair, "directions are pairs (where, which)")
+    where, which = result.unpack_pair(pair, "directions are pairs (where, which)")
     if getattr(where, "manifold_dim", 0):  # a curve
         name = f"direction {number}"
         if isinstance(which, Mapping):
@@ -258,7 +250,7 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
     vectors = tangential(surface, points, directions)
     if not (norms(vectors) > 1e-6 * norms(directions)).all():
         raise InputError("a direction at a point must not be zero or normal to the surface.")
-    return dirichlet_at_points(f"direction {number}", points, unit(vectors))
+    return result.dirichlet_at_points(f"direction {number}", points, unit(vectors))
 
 
 def _curve_directions(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:

@@ -18,16 +18,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
+from cpmkit.forms import form_records
 from cpmkit.forms.data_checks import Imbalance, balanced_solution, free_pieces
-from cpmkit.forms.form_records import (
-    Diagnosis,
-    ExpectedError,
-    FormTraits,
-    MeasuredWork,
-    PlainWork,
-    StateDependentCoefficient,
-    StateFlux,
-)
 from cpmkit.linear.operators import Border, Bordered, Operator, Stiffness
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.manifold.abilities import advice_of
@@ -76,9 +68,9 @@ class FormOperators(ABC):
         """Mesh width, in the scene's unit of length."""
 
     @property
-    def traits(self) -> FormTraits:
+    def traits(self) -> form_records.FormTraits:
         """The properties of the form that solvers, families and saved files read; by default ``FormTraits()``."""
-        return FormTraits()
+        return form_records.FormTraits()
 
     def check(self, solver: str) -> None:
         """Raise if the form cannot solve the problem by the linear solver named ``solver``; by default never raise.
@@ -113,7 +105,7 @@ class FormOperators(ABC):
         Raises InputError if a coefficient is not accepted, ResolutionError if the spacing is too coarse for it.
         """
 
-    def advection(self, field: StateDependentCoefficient) -> Operator:
+    def advection(self, field: form_records.StateDependentCoefficient) -> Operator:
         """Return the integrals (n, n) of ``u (w . grad v)``, w = ``field``, v a test function, for Newton tangents.
 
         By default raises SceneError, as the form has no diffusivity that depends on u.
@@ -148,7 +140,7 @@ class FormOperators(ABC):
         """
 
     @property
-    def state_fluxes(self) -> Sequence[StateFlux]:
+    def state_fluxes(self) -> Sequence[form_records.StateFlux]:
         """The parts of boundaries on which the flux depends on u; by default raises SceneError."""
         raise missing_ability_error(self, "fluxes that depend on u")
 
@@ -296,16 +288,16 @@ class Discretized(FormValues):
 
     def diagnosis(
         self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
-    ) -> Diagnosis:
+    ) -> form_records.Diagnosis:
         """Return the order of the error, reasons for slow convergence, and the unresolved share; by default order 2.
 
         ``coarser`` is the form of a solution with which this one is compared, on a lattice with ``ratio`` times the
         spacing; ``difference`` is the root mean square of their difference, as a share of the range. With
         ``eigenvalues`` the order of eigenvalues is returned.
         """
-        return Diagnosis()
+        return form_records.Diagnosis()
 
-    def estimate(self, u: Floats) -> ExpectedError | None:
+    def estimate(self, u: Floats) -> form_records.ExpectedError | None:
         """Return an estimate of the error of u (n, channels) from u alone; None where the form has none."""
         return None
 
@@ -317,9 +309,9 @@ class Discretized(FormValues):
         """
         return advice_of(self.scene.surface, self.spacing).floor
 
-    def work(self, operator: Operator, report: SolveReport | None) -> MeasuredWork:
+    def work(self, operator: Operator, report: SolveReport | None) -> form_records.MeasuredWork:
         """Return the measures of the work of a solve with ``operator``; ``report`` is None if no solver was called."""
-        return PlainWork(self.size, operator.nonzeros, report.operator_applications if report else 0)
+        return form_records.PlainWork(self.size, operator.nonzeros, report.operator_applications if report else 0)
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:

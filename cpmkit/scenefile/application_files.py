@@ -16,17 +16,9 @@ from cpmkit.runtime.arrays import as_points, as_vector
 from cpmkit.runtime.options import declared_options
 from cpmkit.scene.data import is_sequence
 from cpmkit.scene.scene import Scene
+from cpmkit.scenefile import scene_files
 from cpmkit.scenefile.condition_tables import as_table, list_of_tables, read_vector, with_vertex_data
 from cpmkit.scenefile.documented_keys import APPLICATIONS
-from cpmkit.scenefile.scene_files import (
-    SCENE_TABLES,
-    SceneFile,
-    naming_table,
-    read_options,
-    read_output,
-    read_scene,
-    read_source,
-)
 from cpmkit.types import Floats
 
 
@@ -74,7 +66,7 @@ def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -
             f"{where} needs at and vector, or a curve's kind with along, or with left and right, got "
             f"{', '.join([*directions, *table]) or 'nothing'}."
         )
-    return read_source(table, folder, where, scene.surface), directions.get("along", directions)
+    return scene_files.read_source(table, folder, where, scene.surface), directions.get("along", directions)
 
 
 def _read_direction(value: Any, dim: int, label: str) -> Any:
@@ -94,7 +86,7 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
     """
     if "target" not in tables:
         raise SceneError("a scene of a map needs the table [target], whose kind says where the map goes.")
-    target = read_source(as_table(tables["target"], "[target]"), folder, "[target]")
+    target = scene_files.read_source(as_table(tables["target"], "[target]"), folder, "[target]")
     options = _application_options(tables, "map")
     for key, name, source, count in (
         ("initial", "surface", scene.surface, target.dim),
@@ -118,7 +110,7 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
             at = _points(table["at"], scene.surface.dim, f"at of {where}")
             landmarks.append((at, _points(to, target.dim, f"to of {where}")))
             continue
-        curve = read_source(table, folder, where, scene.surface)
+        curve = scene_files.read_source(table, folder, where, scene.surface)
         landmarks.append((curve, read_vector(to, scene.surface.dim, f"to of {where}", target.dim)))
     return {**options, "target": target, "landmarks": landmarks}
 
@@ -141,7 +133,7 @@ def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[
         }
         if set(sides) not in ({"both"}, {"left", "right"}):
             raise SceneError(f"{where} needs both, or left and right, got {', '.join(sides) or 'neither'}.")
-        curves[name] = read_source(table, folder, where, scene.surface), sides.get("both", sides)
+        curves[name] = scene_files.read_source(table, folder, where, scene.surface), sides.get("both", sides)
     return {"curves": curves}
 
 
@@ -171,7 +163,7 @@ def _points(value: Any, dim: int, label: str) -> Floats:
     return as_points([value] if is_point else value, dim, label)
 
 
-def load_application(path: str | Path, command: str) -> SceneFile:
+def load_application(path: str | Path, command: str) -> scene_files.SceneFile:
     """Return the contents of a scene file for the application ``command``: ``vectors``, ``map`` or ``paint``.
 
     Raises SceneError if the file is missing, does not parse, or has a key or value that is not accepted. Raises
@@ -181,25 +173,25 @@ def load_application(path: str | Path, command: str) -> SceneFile:
     return from_toml(path, partial(_application_file, command), "scene file", like)
 
 
-def _application_file(command: str, tables: dict[str, Any], path: Path) -> SceneFile:
+def _application_file(command: str, tables: dict[str, Any], path: Path) -> scene_files.SceneFile:
     """Return the contents of the ``tables`` of a scene file for the application of ``cpmkit COMMAND``.
 
     Raises SceneError if a table, key or value is missing or not accepted; PluginError if a kind is not installed.
     """
     if "problem" in tables:
         raise SceneError(f"`cpmkit {command}` has its own equation; leave out [problem].")
-    shared = (name for name in SCENE_TABLES if name != "problem")
+    shared = (name for name in scene_files.SCENE_TABLES if name != "problem")
     check_accepted("the scene", tables, (*shared, *APPLICATIONS[command].tables))
     if "surface" not in tables:
         raise SceneError("a scene needs the table [surface].")
-    scene = read_scene({**tables, "problem": {"kind": "laplace"}}, path.parent)
-    spacing, options = read_options(tables)
+    scene = scene_files.read_scene({**tables, "problem": {"kind": "laplace"}}, path.parent)
+    spacing, options = scene_files.read_options(tables)
     target = next((name for name in declared_options(AccuracyTarget) if name in options), None)
     if target is not None and command != "paint":
         raise SceneError(
             f"`cpmkit {command}` takes a spacing and estimates no error; leave out {target} of [discretization]."
         )
-    output = read_output(as_table(tables.get("output", {}), "[output]"), path)
+    output = scene_files.read_output(as_table(tables.get("output", {}), "[output]"), path)
     if output.wants_frames:
         raise SceneError(
             f"[output] asks for frames, and `cpmkit {command}` makes none; leave out films and .pvd files."
@@ -209,5 +201,5 @@ def _application_file(command: str, tables: dict[str, Any], path: Path) -> Scene
     if output.picture is not None and output.picture.vectors:
         raise SceneError(f"`cpmkit {command}` draws in its own way; leave out vectors of the picture.")
     read = {"vectors": read_directions, "map": read_map, "paint": read_colours}[command]
-    with naming_table("the scene"):
-        return SceneFile(scene, spacing, options, output, read(tables, scene, path.parent))
+    with scene_files.naming_table("the scene"):
+        return scene_files.SceneFile(scene, spacing, options, output, read(tables, scene, path.parent))

@@ -14,17 +14,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.files.plain_values import (
-    TEXT,
-    Kind,
-    check_fields,
-    choice_of,
-    list_of,
-    numbers,
-    or_none,
-    table_of,
-    whole_numbers,
-)
+from cpmkit.files import plain_values
 from cpmkit.files.whole_files import explain_system_error
 from cpmkit.forms.choice import RENAMED_OPTIONS, every_option
 from cpmkit.studies.sweep import TARGETS, Run, listed_options
@@ -33,37 +23,37 @@ Record = dict[str, Any]
 RECORDS_FILE = "records.jsonl"
 #: Upper bound of numbers in a record: figures cannot show larger ones.
 LARGEST_RECORDED = 1e100
-COUNT_KIND, SIZE_KIND = whole_numbers(0, LARGEST_RECORDED), numbers(0, LARGEST_RECORDED)
-SPACING_KIND = numbers(1 / LARGEST_RECORDED, LARGEST_RECORDED)
-SHIFT_KIND = list_of(numbers(-LARGEST_RECORDED, LARGEST_RECORDED))
+COUNT_KIND, SIZE_KIND = plain_values.whole_numbers(0, LARGEST_RECORDED), plain_values.numbers(0, LARGEST_RECORDED)
+SPACING_KIND = plain_values.numbers(1 / LARGEST_RECORDED, LARGEST_RECORDED)
+SHIFT_KIND = plain_values.list_of(plain_values.numbers(-LARGEST_RECORDED, LARGEST_RECORDED))
 #: Entries of every record that identify the run.
 RUN_ENTRIES = {
-    **dict.fromkeys(("title", "content", "method"), TEXT),
-    "spacing": or_none(SPACING_KIND),
-    "origin": or_none(COUNT_KIND),
+    **dict.fromkeys(("title", "content", "method"), plain_values.TEXT),
+    "spacing": plain_values.or_none(SPACING_KIND),
+    "origin": plain_values.or_none(COUNT_KIND),
 }
 #: Measured entries, of runs that ended without an error.
 MEASURED_ENTRIES = {
     **dict.fromkeys(("max_error", "rms_error", "cpu_seconds"), SIZE_KIND),
     "spacing": SPACING_KIND,
-    "unknowns": whole_numbers(1, LARGEST_RECORDED),
+    "unknowns": plain_values.whole_numbers(1, LARGEST_RECORDED),
     "iterations": COUNT_KIND,
 }
 OPTIONAL_ENTRIES = {
-    **dict.fromkeys(("study", "error"), TEXT),
-    **dict.fromkeys(("reference", "status"), or_none(TEXT)),
+    **dict.fromkeys(("study", "error"), plain_values.TEXT),
+    **dict.fromkeys(("reference", "status"), plain_values.or_none(plain_values.TEXT)),
     **dict.fromkeys(("rms_without_mean", "half_range"), SIZE_KIND),
-    **dict.fromkeys(("estimate", "bytes"), or_none(SIZE_KIND)),
-    **{f"asked_{name}": or_none(SPACING_KIND) for name in TARGETS},
-    "twins": or_none(COUNT_KIND),
-    "imbalances": list_of(
-        Kind(
+    **dict.fromkeys(("estimate", "bytes"), plain_values.or_none(SIZE_KIND)),
+    **{f"asked_{name}": plain_values.or_none(SPACING_KIND) for name in TARGETS},
+    "twins": plain_values.or_none(COUNT_KIND),
+    "imbalances": plain_values.list_of(
+        plain_values.Kind(
             "a table with the list of numbers shift",
             lambda entry: isinstance(entry, Mapping) and SHIFT_KIND.accepts(entry.get("shift")),
         )
     ),
-    "seconds": table_of(SIZE_KIND),
-    "bytes_are": or_none(choice_of("measured", "foretold")),
+    "seconds": plain_values.table_of(SIZE_KIND),
+    "bytes_are": plain_values.or_none(plain_values.choice_of("measured", "foretold")),
 }
 
 
@@ -86,9 +76,11 @@ def _parse_record(line: bytes, where: str) -> Record:
         raise InputError(f"{where} is not a JSON object; remove that line, its run is made again.")
     record = {RENAMED_OPTIONS.get(name, name): value for name, value in record.items()}
     accepts = {name: every_option()[name].accepts for name in listed_options()}
-    options = {name: or_none(Kind("a value that it takes", check)) for name, check in accepts.items()}
+    options = {
+        name: plain_values.or_none(plain_values.Kind("a value that it takes", check)) for name, check in accepts.items()
+    }
     try:
-        check_fields(
+        plain_values.check_fields(
             record, RUN_ENTRIES | ({} if "error" in record else MEASURED_ENTRIES), where, OPTIONAL_ENTRIES | options
         )
     except InputError as error:

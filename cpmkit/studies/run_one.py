@@ -24,22 +24,7 @@ from cpmkit.runtime.messages import collected_warnings
 from cpmkit.runtime.options import declared_options
 from cpmkit.scene.scene import Scene
 from cpmkit.solving import backend_independent_options, solve
-from cpmkit.studies.records import (
-    LARGEST_RECORDED,
-    RECORDS_FILE,
-    Record,
-    append_record,
-    drop_unfinished_line,
-    read_records,
-)
-from cpmkit.studies.reference_values import (
-    Reference,
-    check_comparable,
-    check_fixable,
-    reference_of,
-    solve_by_fixed_nodes,
-    solve_on_refined_mesh,
-)
+from cpmkit.studies import records, reference_values
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, REFINED, Run, lattice_methods
 from cpmkit.types import Progress, no_progress
@@ -51,14 +36,14 @@ def check_study(study: Study) -> None:
     Raises SceneError if the scene, the formula or the sweep is not accepted, or the scene's solution is not one
     function. Raises PluginError if a method or the reference is neither built in nor offered by a plugin.
     """
-    check_comparable(study.scene)
+    reference_values.check_comparable(study.scene)
     if study.sweep.spacings is not None:
         with_step_for_spacing(study.scene, study.sweep.step_per_spacing, study.sweep.spacings[0])
     if study.solution is not None and study.solution.takes_time and getattr(study.scene.problem, "until", None) is None:
         raise SceneError(f"u of [exact] depends on t, and the problem {study.scene.problem.kind!r} has no time.")
     for method in study.sweep.methods:
         if method in BASELINES:
-            check_fixable(study.scene, method)
+            reference_values.check_fixable(study.scene, method)
     others = [method for method in study.sweep.methods if method not in (*lattice_methods(), *BASELINES)]
     others = ["fem" if method == REFINED else method for method in others]
     for backend in [*others, *([] if study.exact.reference is None else [study.exact.reference])]:
@@ -79,14 +64,16 @@ def with_step_for_spacing(scene: Scene, step_per_spacing: float | None, spacing:
     return replace(scene, problem=replace(problem, step=problem.duration / max(steps, 1)))
 
 
-def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_progress) -> Record:
+def make_run(
+    study: Study, run: Run, truth: reference_values.Reference, progress: Progress = no_progress
+) -> records.Record:
     """Solve the scene of a run, and return the record: parameters, errors, work and seconds.
 
     ``truth`` are the reference values. After a ResolutionError or ConvergenceError, or if the error is too large to
     record, the record has the parameters and the entry ``error``, a message. Other errors are raised.
     """
     named = {"study": study.name, "title": study.title, "content": study.content}
-    record: Record = {**named, "reference": study.exact.reference, **run.as_dict()}
+    record: records.Record = {**named, "reference": study.exact.reference, **run.as_dict()}
     scene = with_step_for_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
     before, start = reset_peak_memory(), time.process_time()
     try:
@@ -98,7 +85,7 @@ def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_p
     record |= costs_in_memory(solution, peak_growth_bytes(before))
     with np.errstate(over="ignore"):
         measured = _measured_entries(solution, truth, run)
-    if not 0 <= (max_error := measured["max_error"]) < LARGEST_RECORDED:
+    if not 0 <= (max_error := measured["max_error"]) < records.LARGEST_RECORDED:
         return {**record, "error": f"ResolutionError: the error {max_error:g} of the solution is too large."}
     return {**record, **measured, "cpu_seconds": round(cpu_seconds, 4)}
 
@@ -106,7 +93,7 @@ def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_p
 def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> Solution:
     """Return the solution of a scene by the method of ``run``; ``options`` of ``solve`` are those of all runs."""
     if run.method == REFINED:
-        return solve_on_refined_mesh(scene, cast("float", run.spacing), progress=progress, **options)
+        return reference_values.solve_on_refined_mesh(scene, cast("float", run.spacing), progress=progress, **options)
     set_by = lattice_methods()
     if run.method not in (*set_by, *BASELINES):  # a plugin's back end, which may use the spacing in its own way
         return solve(scene, run.spacing, backend=run.method, progress=progress, **backend_independent_options(options))
@@ -120,11 +107,11 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
     lattice = lattice_of(scene.surface, run.spacing, without_target.get("origin"))
     placed = {**without_target, **dict(run.options), "origin": lattice.origin + run.shift(scene.surface.dim)}
     if run.method in BASELINES:
-        return solve_by_fixed_nodes(scene, run.spacing, method=run.method, progress=progress, **placed)
+        return reference_values.solve_by_fixed_nodes(scene, run.spacing, method=run.method, progress=progress, **placed)
     return solve(scene, run.spacing, progress=progress, **placed, **set_by[run.method])
 
 
-def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
+def _measured_entries(solution: Solution, truth: reference_values.Reference, run: Run) -> records.Record:
     """Return the measured entries of the record of ``run`` by name: errors at the points of ``truth``, and costs."""
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
@@ -153,7 +140,7 @@ def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
     }
 
 
-def costs_in_memory(solution: Solution, measured: int | None) -> Record:
+def costs_in_memory(solution: Solution, measured: int | None) -> records.Record:
     """Return the entries ``bytes`` and ``bytes_are``: ``measured`` or, if None, predicted; None without a lattice."""
     if measured is not None:
         return {"bytes": measured, "bytes_are": "measured"}
@@ -181,9 +168,9 @@ def run_study(
     *,
     cheap: bool = False,
     spacings: Sequence[float] = (),
-    truth: Reference | None = None,
+    truth: reference_values.Reference | None = None,
     progress: Progress = no_progress,
-    recorded: Callable[[Record], None] | None = None,
+    recorded: Callable[[records.Record], None] | None = None,
 ) -> Outcome:
     """Solve and record the runs of a study that are not recorded in ``folder`` yet, and return the numbers of runs.
 
@@ -205,15 +192,15 @@ def run_study(
         listed = ", ".join(f"{spacing:g}" for spacing in known)
         raise InputError(f"the study has no spacing {unknown[0]:g}; it has {listed}.")
     runs = [run for run in runs if run.spacing in spacings] if spacings else runs
-    file = folder / RECORDS_FILE
+    file = folder / records.RECORDS_FILE
     check_place(file)
-    drop_unfinished_line(file)
-    done = {Run.from_record(record) for record in read_records(file) if record["content"] == study.content}
+    records.drop_unfinished_line(file)
+    done = {Run.from_record(record) for record in records.read_records(file) if record["content"] == study.content}
     pending = [run for run in runs if run not in done]
     if not pending:
         return Outcome(0, len(runs), 0, file)
     check_study(study)
-    truth = reference_of(study) if truth is None else truth
+    truth = reference_values.reference_of(study) if truth is None else truth
     failed = 0
     for run in {run.method: run for run in reversed(study.sweep.runs(cheap))}.values():
         # A rough run of each method first, so that compilation is no cost of any.
@@ -226,7 +213,7 @@ def run_study(
 
         record = make_run(study, run, truth, report_share)
         folder.mkdir(parents=True, exist_ok=True)  # not earlier: a study that fails at once leaves no folder
-        append_record(file, record)
+        records.append_record(file, record)
         progress(stage, 1.0)
         if recorded is not None:
             recorded(record)

@@ -8,14 +8,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.families.context import surely_positive
-from cpmkit.families.evolution.semidiscrete import (
-    History,
-    Moment,
-    RunPlan,
-    SemiDiscrete,
-    largest_eigenvalue,
-    rate_of_change,
-)
+from cpmkit.families.evolution import semidiscrete
 from cpmkit.forms.contract import Discretized
 from cpmkit.scene.compound_equations import ReactionDiffusion
 from cpmkit.scene.data import evaluate_data, takes_time
@@ -24,14 +17,14 @@ from cpmkit.scene.equations_in_time import Heat, Wave
 from cpmkit.types import Floats
 
 
-def run_warnings(plan: RunPlan, history: History) -> tuple[str, ...]:
+def run_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> tuple[str, ...]:
     """Return the warnings at the end of a run, () if there are none; ``history`` has its last moments."""
     waves = (_oscillation_warnings, _unresolved_wave_warnings, _short_pattern_warnings)
     changes = (_long_step_warnings, _heat_drift_warnings, _missed_rest_warnings)
     return tuple(text for check in (*waves, *changes) for text in check(plan, history))
 
 
-def _heat_drift_warnings(plan: RunPlan, history: History) -> list[str]:
+def _heat_drift_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
     """Return a warning in a list if heat was lost or gained on pieces of the manifold without outflow; else [].
 
     There the mean of u should grow by the mean of f times the time, in every scheme. It is checked for c = 0, steady f,
@@ -62,7 +55,7 @@ def _heat_drift_warnings(plan: RunPlan, history: History) -> list[str]:
     ]
 
 
-def wave_energy(problem: SemiDiscrete, moment: Moment) -> Floats | None:
+def wave_energy(problem: semidiscrete.SemiDiscrete, moment: semidiscrete.Moment) -> Floats | None:
     """Return the energy (channels,) of a wave, ``v'Mv/2 + u'Au/2 - u'b``, with the forcing as a potential.
 
     u and v are those of ``moment``. It is conserved if b is constant in time. None without a wave or a symmetric A.
@@ -74,7 +67,7 @@ def wave_energy(problem: SemiDiscrete, moment: Moment) -> Floats | None:
     return np.asarray(kinetic + np.sum(moment.u * force, axis=0))
 
 
-def growth_check(plan: RunPlan) -> Callable[[Floats, float], None] | None:
+def growth_check(plan: semidiscrete.RunPlan) -> Callable[[Floats, float], None] | None:
     """Return a function of u (n, channels) and the time that raises ResolutionError if u exceeds an a priori bound.
 
     If A has no eigenvalue below zero and the data do not depend on time, the norm of u is at most ``start + rate t``
@@ -105,7 +98,7 @@ def growth_check(plan: RunPlan) -> Callable[[Floats, float], None] | None:
     return check
 
 
-def _long_step_warnings(plan: RunPlan, history: History) -> list[str]:
+def _long_step_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
     """Return a warning in a list if the error of advection in the scheme is large; else [].
 
     It is estimated over the whole run, or over the time in which diffusion removes the variation of u.
@@ -145,7 +138,7 @@ def _long_step_warnings(plan: RunPlan, history: History) -> list[str]:
     ]
 
 
-def _short_pattern_warnings(plan: RunPlan, history: History) -> list[str]:
+def _short_pattern_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
     """Return a warning in a list if the waves of a reaction are so short that the lattice shapes them; else []."""
     if not isinstance(plan.evolution, ReactionDiffusion):
         return []
@@ -175,7 +168,7 @@ def _spread_points(form: Discretized) -> tuple[Floats, Floats]:
     return points, share / share.sum()
 
 
-def _oscillation_warnings(plan: RunPlan, history: History) -> list[str]:
+def _oscillation_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
     """Return a warning in a list if the last two steps go back and forth; else [].
 
     Only Crank-Nicolson, which does not damp, and schemes with an explicit reaction are checked.
@@ -200,14 +193,14 @@ def _oscillation_warnings(plan: RunPlan, history: History) -> list[str]:
     ]
 
 
-def _unresolved_wave_warnings(plan: RunPlan, history: History) -> list[str]:
+def _unresolved_wave_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
     """Return a warning in a list if the lattice does not resolve a wave; else []."""
     problem, evolution = plan.problem, plan.evolution
     if not isinstance(evolution, Wave):
         return []
     if problem.form.mass_in_time is None:
         u = history[-1].u
-        largest = largest_eigenvalue(problem, evolution.speed)
+        largest = semidiscrete.largest_eigenvalue(problem, evolution.speed)
         sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / largest
         if sharpness <= 0.4 * float(np.linalg.norm(u)):  # for waves that grow it is 0.49, for a jump 0.3
             return []
@@ -223,7 +216,7 @@ def _unresolved_wave_warnings(plan: RunPlan, history: History) -> list[str]:
     ]
 
 
-def _mean_frequency(problem: SemiDiscrete, history: History) -> float:
+def _mean_frequency(problem: semidiscrete.SemiDiscrete, history: semidiscrete.History) -> float:
     """Return the fourth root of the mean of u_tt^2 over that of u^2 in the last step, a wave's frequency."""
     before, now = history[-2:]
     assert before.rate is not None
@@ -233,10 +226,10 @@ def _mean_frequency(problem: SemiDiscrete, history: History) -> float:
     return float((acceleration / size) ** 0.25) if size > 0 else 0.0
 
 
-def _missed_rest_warnings(plan: RunPlan, history: History) -> list[str]:
+def _missed_rest_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
     """Return a warning in a list if u changes faster in the last step than the rate ``rest`` of the run; else []."""
     evolution = plan.evolution
-    rate = rate_of_change(plan.problem.form, plan.start, history)
+    rate = semidiscrete.rate_of_change(plan.problem.form, plan.start, history)
     if evolution.rest is None or rate < evolution.rest:
         return []
     return [

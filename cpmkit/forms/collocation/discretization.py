@@ -10,14 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.collocation.band_layout import (
-    Layout,
-    extend_rows,
-    extension_matrix,
-    lay_out,
-    row_centres,
-    with_data_of,
-)
+from cpmkit.forms.collocation import band_layout
 from cpmkit.forms.collocation.ghosts.nodes_past_edge import EDGE_CONDITION
 from cpmkit.forms.collocation.layout_checks import check_effect, check_layout
 from cpmkit.forms.collocation.options import CollocationOptions
@@ -40,7 +33,7 @@ from cpmkit.types import SIDES, Floats, Ints, Progress, SparseMatrix, no_progres
 class Discretization:
     """The tables of a scene on a band; they do not depend on the equation, but for transmissions."""
 
-    layout: Layout  #: Lattice, band, boundaries and ghosts.
+    layout: band_layout.Layout  #: Lattice, band, boundaries and ghosts.
     #: (rows, unknowns): E, with a row for each node of the band and then for each ghost. Its arrays are read-only, as
     #: operators share them.
     extension: SparseMatrix
@@ -123,10 +116,10 @@ class Discretization:
         """
         order = np.argsort(datum.rows)
         rows, points = datum.rows[order], self.layout.lattice.to_local(datum.points[order])
-        centres = row_centres(self.layout).take(rows)
+        centres = band_layout.row_centres(self.layout).take(rows)
         if self.layout.band.sheets is not None:
             centres = replace(centres, feet=self.layout.surface.closest_point(points), normals=None)
-        matrix: SparseMatrix = scatter_matrix(rows, self.unknowns.rows) @ extension_matrix(
+        matrix: SparseMatrix = scatter_matrix(rows, self.unknowns.rows) @ band_layout.extension_matrix(
             self.unknowns, points, centres
         )
         return matrix
@@ -140,16 +133,16 @@ def build_tables(
     ``progress`` is called with stages and the shares done. Raises InputError, SceneError or ResolutionError if the
     lattice's origin, a boundary, a condition or the spacing does not fit.
     """
-    layout = lay_out(scene, options, progress)
+    layout = band_layout.lay_out(scene, options, progress)
     check_layout(layout, scene)
     tables = tabulate(layout, progress)
     check_effect(layout, tables.extension, tables.neighbours)
     return tables
 
 
-def tabulate(layout: Layout, progress: Progress = no_progress) -> Discretization:
+def tabulate(layout: band_layout.Layout, progress: Progress = no_progress) -> Discretization:
     """Return the tables (E, difference neighbours, boundary data) of a layout; ``progress`` gets stage and share."""
-    extension, data, centres = extend_rows(layout, lambda stage, share: progress(stage, 0.8 * share))
+    extension, data, centres = band_layout.extend_rows(layout, lambda stage, share: progress(stage, 0.8 * share))
     neighbours = _neighbours(layout.unknowns, centres)
     neighbours.flags.writeable = False
     progress("tables", 1.0)
@@ -208,7 +201,7 @@ def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretizat
             raise SceneError(
                 f"{label} has no data in the tables, a flux of zero has none, and takes no others; use cpmkit.solve."
             )
-    layout = with_data_of(tables.layout, new)
+    layout = band_layout.with_data_of(tables.layout, new)
     check_layout(layout, new)
     laws_of_data = [known[id(datum.law), datum.label] for datum in tables.data]
     data = [
