@@ -187,8 +187,8 @@ def test_what_no_run_could_be_made_with_is_refused_before_anything_is_solved(
     )
     if "ball" in message:
         text += 'methods = ["cpm", "ball"]\n'
-    for name in ("solve", "reference_of"):
-        monkeypatch.setattr(f"cpmkit.studies.run_one.{name}", lambda *_, **__: pytest.fail("it was solved"))
+    for name in ("run_one.solve", "reference_values.reference_of"):
+        monkeypatch.setattr(f"cpmkit.studies.{name}", lambda *_, **__: pytest.fail("it was solved"))
     with pytest.raises(error, match=message):
         run_study(study(tmp_path, text), tmp_path / "out")
     assert not (tmp_path / "out").exists()
