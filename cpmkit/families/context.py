@@ -150,7 +150,7 @@ class OperatorCache:
         return {"entries": {}, "shares_preconditioner": self.shares_preconditioner, "shared": {}}
 
     def get(self, key: Hashable, make: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the cached value of ``key``, or else ``make(*arguments)``, which is then cached; four values are kept.
+        """Return the cached value of ``key``, or else ``make(*arguments)``, and cache it; the last four used are kept.
 
         ``make`` must be no closure: if memory runs out, a closure would keep the tables of the form alive.
         """
@@ -193,7 +193,7 @@ class PreparedSystem:
     def solve(
         self, b: Any, tolerance: float, guess: Any = None, progress: Progress = no_progress
     ) -> tuple[Any, SolveReport]:
-        """Return u (n, channels) with ``A u = b`` and the report; parameters as of :meth:`ConstantFunctions.solve`."""
+        """Return u (n, channels) with ``A u = b`` and the report, as :meth:`ConstantFunctions.solve` does."""
         return self.constants.solve(self.solver, b, tolerance, guess, progress)
 
 
@@ -232,10 +232,10 @@ class SolveContext:
         return self.discretized.scene
 
     def prepare(self, operator: Operator) -> PreparedSolver:
-        """Return the prepared solver of systems with ``operator``, which gets the form's multigrid levels if it can.
+        """Return the prepared solver of systems with ``operator``, with the form's multigrid levels if it takes levels.
 
-        With ``cache.shares_preconditioner``, operators of a size use the cached preconditioner of the first unsymmetric
-        one.
+        With ``cache.shares_preconditioner``, operators of equal size use the preconditioner of the first unsymmetric
+        one. Raises SceneError or ConvergenceError if the solver refuses the operator.
         """
         lender = self.cache.shared.get(operator.size)
         if lender is not None:

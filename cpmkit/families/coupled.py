@@ -95,7 +95,7 @@ def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> 
 
 
 def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) -> CsrOperator:
-    """Return the operator of all k channels, from ``stiffness`` of one and ``coupling`` C (p, k, k) at the points."""
+    """Return the operator of all k channels, unknown by unknown, from A of one and C, ``coupling`` (p, k, k)."""
     from scipy.sparse import bsr_array
 
     channels = coupling.shape[1]
@@ -121,7 +121,7 @@ def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) 
 
 
 def _levels_for_channels(form: Discretized, stiffness: Operator, channels: int) -> Sequence[Level]:
-    """Return the multigrid levels of ``stiffness``, the operator of one channel, each repeated for all ``channels``."""
+    """Return the levels of ``stiffness``, the operator of one channel, for all ``channels``, unknown by unknown."""
     from scipy.sparse import eye_array, kron
 
     levels = []
@@ -213,7 +213,7 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
 
 
 def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """Return u (n, channels) and v (n, channels) corrected on the pieces where no condition fixes a constant.
+    """Return u and v (n, channels), corrected on the pieces where no condition fixes a constant.
 
     u gets mean zero there, and v the mean that balances the fluxes of u at the edge: ``K v = q`` does not determine it,
     and ``K u = r + M v`` has a solution for only one mean, which follows from the imbalance of that system.

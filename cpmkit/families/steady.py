@@ -151,10 +151,10 @@ def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
 def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) -> tuple[list[str], Resonance | None]:
     """Return a list of warnings, and the record of the eigenvalue nearest to zero, None if it is not computed.
 
-    There is a warning if the eigenvalue's error may determine the solution u (n, channels), or the solver, that of the
-    equation, does not converge. The eigenvalue is computed by inverse iteration from plane waves; one more step from u
-    gives the part of u in its modes. It is computed only for linear steady problems without a velocity whose c or
-    conditions may make the energy negative.
+    There is a warning if the eigenvalue's error may determine the solution u (n, channels), or ``solver``, that of the
+    equation, does not converge. Inverse iteration from plane waves gives the eigenvalue, one more step from u the part
+    of u in its modes. It is computed only for linear steady problems without a velocity whose c or conditions may make
+    the energy negative.
     """
     form = context.discretized
     terms = context.scene.problem.terms()
@@ -195,9 +195,10 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
 
 
 def _resonance(form: Discretized, gap: float, square: float, part: Floats, u: Floats) -> Resonance:
-    """Return the record of the eigenvalue nearest to zero, at the distance ``gap``, with its estimated error.
+    """Return the record of the eigenvalue nearest to zero, with its estimated error.
 
-    ``square`` is the squared wavenumber, and ``part`` (n, channels) the part of u (n, channels) in its modes.
+    ``gap`` is its signed distance in k^2, ``square`` the k^2 of the equation or of the mode, and ``part`` (n, channels)
+    the part of u (n, channels) in its modes.
     """
     bounds = np.asarray(form.scene.surface.bounds, dtype=np.float64)
     error = form.traits.dispersion.error(square, form.spacing, 0.5 * float((bounds[1] - bounds[0]).max()))

@@ -197,14 +197,14 @@ class FormulaJets:
     programs: tuple[Program, ...]
 
     def rows(self, order: int, columns: Floats) -> Floats:
-        """Return formulas and derivatives up to ``order`` 0, 1 or 2 as rows (r, n), at variables ``columns`` (m, n)."""
+        """Return values, first, second derivatives up to ``order``, (r, n), at ``columns`` (m, n), see ``programs``."""
         return self.programs[order](dict(zip(self.names, columns, strict=True)), columns.shape[1])
 
 
 def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) -> FormulaJets:
     """Return the formulas given by checked syntax trees in the variables ``names``, with first and second derivatives.
 
-    Raises SceneError if they need more than :data:`MAX_FORMULA_STEPS` steps; ``label`` is their name in the message.
+    Raises SceneError, with ``label``, if they need more than :data:`MAX_FORMULA_STEPS` steps with the derivatives.
     """
     steps = Steps()
     zero = steps.number(0.0)
@@ -268,7 +268,7 @@ class Derivatives:
         return self.steps.add_tree(ast.parse(text, mode="eval").body, places)
 
     def _times(self, a: int, b: int) -> int:
-        """Return the place of the product of the values at places a and b, without a step if one of them is 1."""
+        """Return the place of the product of the values at places a and b, without a product if one is 1 or -1."""
         for first, second in ((a, b), (b, a)):
             if self.steps.value(first) == 1.0:
                 return second

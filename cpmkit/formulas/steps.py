@@ -40,22 +40,10 @@ MAX_FORMULA_PARTS = 4_000
 
 
 def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") -> ast.expr:
-    """Return the checked syntax tree of a formula in the variables ``names``.
+    """Return the checked syntax tree of a formula in the variables ``names`` and the constants pi and e.
 
-    Parameters
-    ----------
-    text : str
-        The formula.
-    names : sequence of str
-        The variables that it may use, in addition to the constants pi and e.
-    label : str
-        Name of the formula in messages.
-
-    Raises
-    ------
-    SceneError
-        If ``text`` is not text, is too long or nested too deeply, does not parse, or uses a name, an operation, a
-        number of arguments or a number that is not available.
+    Raises SceneError, which calls the formula ``label``, if ``text`` is not text, is too long or nested too deeply,
+    does not parse, or uses a name, an operation, a number of arguments or a number that is not available.
     """
     if not isinstance(text, str):
         raise SceneError(f"{label} must be a formula such as 'x**2 + y', got {shown(text)}.")
@@ -163,7 +151,7 @@ class Steps:
             return self.number(KERNELS[kernel](*map(np.float64, numbers)))
 
     def power(self, base: int, exponent: int) -> int:
-        """Return the place of base^exponent, places too: by products for integers up to 12 in size, sqrt for 0.5."""
+        """Return the place of base^exponent, at places ``base`` and ``exponent``; products for integers up to +-12."""
         number = self.value(exponent)
         if number == 0.5:
             return self.apply("sqrt", base)
@@ -251,7 +239,7 @@ class Program:
     outputs: Ints  #: (o,): the rows of the outputs.
 
     def __call__(self, variables: Mapping[str, Any], count: int) -> Floats:
-        """Return the outputs (o, count) at ``count`` points; ``variables`` by name are arrays (count,) or numbers."""
+        """Return the outputs (o, count), inf or NaN where undefined; ``variables`` by name: (count,) or numbers."""
         results = np.empty((len(self.outputs), count))
         columns = {row: np.broadcast_to(variables[name], count) for name, row in self.variables.items()}
         rows = len(self.numbers) + len(columns) + self.operations

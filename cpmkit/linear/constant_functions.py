@@ -75,7 +75,7 @@ class ConstantFunctions:
 
     @classmethod
     def from_functions(cls, operator: Operator, functions: Floats) -> ConstantFunctions:
-        """Return the constant ``functions`` K (n, k) of an operator A with A K and the connected components of A."""
+        """Return K, the ``functions`` (n, k) that are constant or zero, with A K and A's connected components."""
         pieces = RowGroups.from_numbers(*operator.pieces())
         sizes = pieces.sums(np.abs(operator.diagonal) * functions**2)
         return cls(functions, operator.apply(functions), sizes, pieces)
@@ -86,9 +86,8 @@ class ConstantFunctions:
         """Return u (n, channels) with ``A u = b``, and a report whose residual is relative to ``b - A K c``.
 
         Where rounding errors of b (n, channels) exceed ``tolerance`` times the norm of ``b - A K c``, the report's
-        residual is scaled so that ``tolerance`` corresponds to the rounding errors. ``prepared`` is the solver for A;
-        ``guess`` (n, channels) is an initial guess of u, None for none. Raises ConvergenceError as ``prepared.solve``
-        does.
+        residual is scaled so that ``tolerance`` corresponds to them. ``prepared`` is the solver for A, ``guess``
+        (n, channels) an initial u or None. Raises ConvergenceError as ``prepared.solve`` does.
         """
         each, at = self.pieces, self.pieces.spread_to_rows
         # By powers of two, so that squares of b neither overflow nor vanish.
@@ -140,8 +139,8 @@ class ConstantFunctions:
     def cancellation_warnings(self, b: Floats, u: Floats) -> tuple[str, ...]:
         """Return a warning in a tuple if the mean of u (n, channels) is a quotient of two sums that cancel; else ().
 
-        The numerator is the sum of b (n, channels); the denominator ``K' A K`` is taken as cancelled where its digits
-        are lost, or where the resulting mean is larger than the range of u, the solution of ``A u = b``.
+        The numerator ``K' b``, b (n, channels), is taken as cancelled below 1e-6 of its terms; ``K' A K`` below 1e-12,
+        or where the resulting mean is larger than the range of u, the solution of ``A u = b``.
         """
         each = self.pieces
         sums, sizes = np.abs(each.products(self.functions, b)), each.products(np.abs(self.functions), np.abs(b))

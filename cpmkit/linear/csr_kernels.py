@@ -60,7 +60,7 @@ def step(
     move: Floats,
     out: Floats,
 ) -> None:
-    """Update ``move`` and ``out`` (n, channels) in the rows ``start`` to ``stop`` - 1 by one step for ``A x = b``.
+    """Fill rows ``start`` to ``stop`` - 1 of ``move`` and ``out`` (n, channels) by one step for ``A x = b``.
 
     ``move`` becomes ``momentum move + factor D^-1 (b - A x)`` and ``out`` becomes ``x + move``; ``inverse`` (n,) is the
     diagonal of D^-1. A is given by its CSR arrays; x and b are (n, channels).
@@ -102,8 +102,8 @@ def multiply(
 ) -> tuple[Any, Any, Floats]:
     """Return pointers, columns (unsorted) and entries of the product ``A B`` of two matrices given by their CSR arrays.
 
-    ``width`` is the number of columns of B (the ``other`` matrix) and ``room`` the expected number of entries of the
-    product: unused room takes no memory, and an extension takes some time.
+    ``width`` is the number of columns of B, the ``other`` matrix; ``room`` the expected number of entries of A B, which
+    may be wrong: unused room takes no memory, an extension some time.
     """
     met, total = np.full(width, -1, dtype=np.int32), np.zeros(width)  # of each column the last row, the entry
     starts = np.zeros(len(pointers), dtype=np.uint64)
@@ -192,7 +192,7 @@ def sweep_backward(pointers: Any, columns: Any, entries: Any, inverse: Floats, r
     """Update x and its residual ``rest`` = b - A x, both (channels, n), by a backward Gauss-Seidel sweep.
 
     Equations are solved from the last to the first, except where ``inverse`` (n,), 1 / diagonal or 0, is zero. A is
-    symmetric and given by its upper half.
+    symmetric, given by its upper half's CSR arrays.
     """
     unit = np.uint64(1)
     for channel in range(len(x)):
@@ -216,7 +216,7 @@ def sweep_forward(pointers: Any, columns: Any, entries: Any, inverse: Floats, b:
     """Update x (channels, n) by a forward Gauss-Seidel sweep for ``A x = b``; ``b`` (channels, n) is overwritten.
 
     Equations are solved from the first to the last, except where ``inverse`` (n,), 1 / diagonal or 0, is zero. A is
-    symmetric and given by its upper half.
+    symmetric, given by its upper half's CSR arrays.
     """
     unit = np.uint64(1)
     for channel in range(len(x)):

@@ -73,7 +73,7 @@ class UnsignedCsr:
         return np.negative(out, out=out)
 
     def step(self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats) -> Floats:
-        """Return ``x + move`` after ``move`` is set to ``momentum move + factor D^-1 (b - A x)``, all (n, channels).
+        """Return x + ``move``, after ``move`` is set to ``momentum move + factor D^-1 (b - A x)``, all (n, channels).
 
         ``move`` is changed in place. ``inverse`` (n,) is the diagonal of D^-1.
         """

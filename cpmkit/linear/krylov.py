@@ -51,7 +51,7 @@ class KrylovSolver(ABC):
     def solve(
         self, b: Any, tolerance: float, guess: Any = None, progress: Progress = no_progress
     ) -> tuple[Any, SolveReport]:
-        """Return u (n, channels) with ``A u = b``, and a report; ``guess`` is the initial u, None for zero.
+        """Return u with ``A u = b``, both (n, channels), and a report; ``guess`` is the initial u, None for zero.
 
         Raises ConvergenceError if a channel's recomputed relative residual is above the tolerance and what rounding
         leaves, or the system turns out to be indefinite, for the ``fallback`` too if there is one.
@@ -107,7 +107,7 @@ class KrylovSolver(ABC):
 
 
 def indefinite_error(solver: str, error: IndefiniteError, iterations: int, tolerance: float) -> ConvergenceError:
-    """Return the ConvergenceError, with a report, of a solve that ``error`` ended after ``iterations``."""
+    """Return the ConvergenceError, with a report, of a solve by ``solver`` ended by ``error`` after ``iterations``."""
     report = SolveReport(solver, False, iterations, 0, np.inf, tolerance, str(error))
     return ConvergenceError(
         f"The system is indefinite, and solver {solver!r} stopped after {iterations} iterations: {error}; use "
@@ -129,8 +129,8 @@ def conjugate_gradients(
 
     A channel is finished when the norm of its residual r is below its ``target`` (channels,) and ``(r, M r)^(1/2)``, in
     which large entries of A do not hide the error, has fallen by the same factor times ``slack``. The iteration stops
-    when all channels are finished, or after ``most`` steps. ``apply`` returns products with A, ``precondition`` with M.
-    Raises IndefiniteError if A or the preconditioner M turns out to be indefinite.
+    when all channels are finished, or after ``most`` steps. ``apply`` returns products with A, ``precondition`` with M;
+    both are symmetric. Raises IndefiniteError if A or the preconditioner M turns out not to be positive.
     """
     r = residual.copy()
     x, direction, before = np.zeros_like(r), np.zeros_like(r), np.ones(r.shape[1])

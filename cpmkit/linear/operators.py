@@ -145,7 +145,7 @@ def connected_unknowns(count: int, matrices: Iterable[tuple[SparseMatrix, int, i
 
 
 def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOperator) -> CsrOperator:
-    """Return the operator ``factor A + weight M``, never ``indefinite``; M is the identity if no mass is given."""
+    """Return the operator ``factor A + weight M``, not marked as ``indefinite``; M is the identity without ``mass``."""
     symmetric = operator.symmetric and (mass is None or mass.symmetric)
     pattern = operator.symmetric_pattern
     return CsrOperator(_matrix_sum(factor, operator, weight, mass), symmetric, symmetric_pattern=pattern)
@@ -259,7 +259,7 @@ class Bordered(_DerivedOperator):
         return np.asarray(self.operator.apply(u) + self.shift * (self.border.constant_load @ (self.border.mean @ u)))
 
     def apply_rows(self, u: Floats, rows: Ints) -> Floats:
-        """Return the entries ``rows`` (r,) of ``(A + s F W) u`` for u (n,) or (n, channels)."""
+        """Return the entries ``rows`` (r,) of ``(A + s F W) u``: (r,) for u (n,), (r, channels) for (n, channels)."""
         of_means = self.border.constant_load[rows] @ (self.border.mean @ u)
         return np.asarray(self.operator.apply_rows(u, rows) + self.shift * of_means)
 
@@ -322,7 +322,7 @@ class LinearSystem:
 
 
 def matrix_of_rows(weights: Floats, columns: Ints, count: int) -> SparseMatrix:
-    """Return the matrix (n, count) whose row k has the entries ``weights[k]`` (w,) in the columns ``columns[k]``."""
+    """Return the matrix (n, count) whose row k has ``weights[k]`` (w,) in ``columns[k]`` (w,); equal columns add up."""
     from scipy.sparse import csr_array
 
     n, width = columns.shape

@@ -85,10 +85,10 @@ class PreconditionedGMRES(KrylovSolver):
 
 
 def stop_by_preconditioned_residual(prepared: PreparedSolver) -> tuple[PreparedSolver, float] | None:
-    """Return a solver that stops by the preconditioned residual too, and the relative tolerance for its residual.
+    """Return a solver that stops by the preconditioned residual too (1e-8), and the tolerance for its residual (1e-6).
 
-    With a multigrid cycle the preconditioned residual is proportional to the error of u at any spacing; with the
-    diagonal it is not. None unless ``prepared`` is conjugate gradients with a multigrid cycle.
+    With a multigrid cycle the preconditioned residual is proportional to the error of u at any spacing. None unless
+    ``prepared`` is conjugate gradients with a multigrid cycle.
     """
     if not isinstance(prepared, PreconditionedCG) or prepared.solver != "multigrid":
         return None

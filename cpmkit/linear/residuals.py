@@ -44,7 +44,7 @@ MAX_ROUNDING_SHARE = 1e-6
 
 
 def rounding_of(operator: Operator, u: Floats) -> Floats:
-    """Return ``|A| |u|`` (n, channels), with A's border, which times machine epsilon bounds the rounding of ``A u``."""
+    """Return ``|A| |u|`` (n, channels) for u (n, channels): times machine epsilon it bounds the rounding of ``A u``."""
     rounding = abs(operator.to_csr()) @ np.abs(u)
     bordered = as_bordered(operator)
     if bordered is not None:
@@ -65,7 +65,7 @@ def judge(
 ) -> SolveReport:
     """Return the report of a solve of ``A u = b`` for b (n, channels), whose residual is recomputed here.
 
-    ``solver``, ``iterations`` and ``applications`` are copied into the report. Raises ConvergenceError if a relative
+    ``solver``, ``iterations`` and ``applications`` of A go into the report. Raises ConvergenceError if a relative
     residual is above the ``tolerance`` and above what rounding leaves; the message ends with ``remedy``.
     """
     residuals = _relative_to(b, b - operator.apply(u))
@@ -84,7 +84,7 @@ def judge(
 
 
 def _relative_to(b: Floats, part: Floats) -> Floats:
-    """Return the norm of each column of ``part`` divided by that of b, (channels,); 0 / 0 is 0, x / 0 infinite."""
+    """Return norms (channels,) of columns of ``part`` over those of b, both (n, channels); 0 / 0 is 0, x / 0 inf."""
     defect, size = np.linalg.norm(part, axis=0), np.linalg.norm(b, axis=0)
     return np.asarray(np.divide(defect, size, out=np.where(defect == 0, 0.0, np.inf), where=size > 0))
 

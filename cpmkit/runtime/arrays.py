@@ -34,7 +34,7 @@ def as_points(x: Any, dim: int, label: str = "points") -> Floats:
 
 
 def as_positions(x: Any, dim: int, label: str = "points") -> Floats:
-    """Return ``x`` as a (n, dim) float64 array of points whose size permits computing areas and volumes.
+    """Return ``x`` as a (n, dim) float64 array of finite points, neither too far apart nor too close to compute with.
 
     ``label`` is for messages. Raises InputError if ``x`` is not (n, dim) finite numbers, or fails :func:`check_size`.
     """
@@ -156,7 +156,7 @@ def one_row_each(values: Any, count: int, label: str) -> Floats:
 
 @cache
 def named_colours() -> dict[str, str]:
-    """Return the named colours of CSS (W3C, CSS Color Module Level 4, section 6.1), also those of SVG, as rrggbb."""
+    """Return the hexadecimal rrggbb of each colour of CSS by name (W3C, CSS Color Module Level 4, section 6.1)."""
     from importlib.resources import files
 
     table = files("cpmkit.runtime").joinpath("css_colours.txt").read_text(encoding="utf-8")

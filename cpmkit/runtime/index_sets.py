@@ -25,7 +25,7 @@ def find_root(parent: Any, i: int) -> int:
 
 @compiled
 def unite(parent: Any, i: int, j: int) -> None:
-    """Unite the sets that contain ``i`` and ``j``, in place in ``parent`` (n,)."""
+    """Unite the sets that contain ``i`` and ``j``, in place in ``parent`` (n,); the smaller root is kept."""
     i, j = find_root(parent, i), find_root(parent, j)
     if i < j:
         parent[j] = i
@@ -54,7 +54,7 @@ def unite_rows(parent: Any, starts: Any, columns: Any, first_row: int, first_col
 
 @compiled
 def label_sets(parent: Any) -> tuple[int, Ints]:
-    """Return the number of sets, and the label (n,) of each number's set, ascending with the roots; shorten paths."""
+    """Return the number of sets, and each number's label (n,), from 0, ascending with the roots; shorten paths."""
     label = np.empty(len(parent), dtype=np.int64)
     sets = 0
     for i in range(len(parent)):

@@ -120,8 +120,7 @@ def _text_of(file: Path) -> str:
 def release_memory() -> None:
     """Return freed memory of a process of 512 MiB or more to the system, if the C library supports it (glibc does).
 
-    The C library keeps freed memory for later allocations, in gaps between used memory that are too small for larger
-    arrays: after tables of many sizes these gaps are a tenth of the used memory.
+    Kept memory is in gaps too small for larger arrays: after tables of many sizes they are a tenth of the used memory.
     """
     # Smaller processes keep freed memory: released pages would have to be allocated and cleared again.
     if (_status_bytes("VmRSS") or 0) >= 2**29:
@@ -151,7 +150,7 @@ def reset_peak_memory() -> int | None:
 
 
 def peak_growth_bytes(before: int | None) -> int | None:
-    """Return by how many bytes the peak exceeds ``before``, from :func:`reset_peak_memory`; None if unknown."""
+    """Return by how many bytes the peak exceeds ``before``, as :func:`reset_peak_memory` gave it; None if unknown."""
     peak = None if before is None else _status_bytes("VmHWM")
     return None if peak is None or before is None else max(peak - before, 0)
 

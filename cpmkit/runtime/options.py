@@ -149,7 +149,7 @@ def check_key_types(make: Callable[..., Any], label: str, table: Mapping[str, An
 
 
 def one_of(*names: str) -> Callable[[Any, str], str]:
-    """Return a check of an option: it returns a value that is one of ``names``, and raises InputError for others."""
+    """Return a check ``(value, label)`` of an option: it returns one of ``names``, and raises InputError for others."""
 
     def check(value: Any, label: str) -> str:
         if not isinstance(value, str) or value not in names:

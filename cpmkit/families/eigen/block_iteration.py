@@ -39,9 +39,9 @@ class FunctionBlock:
 def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPairs:
     """Return the ``width`` least eigenvalues, ascending, with eigenvectors; only the first ``count`` have converged.
 
-    Raises ResolutionError if the functions do not fit into the memory of this process. Raises ConvergenceError if a
-    pair of the first ``count`` changes by more than half the tolerance after all rounds, or A - sigma B is not positive
-    definite.
+    ``iteration`` has a preconditioner. Raises ResolutionError if the functions exceed the memory of this process.
+    Raises ConvergenceError if a pair of the first ``count`` changes by more than half the tolerance after 100 rounds,
+    or A - sigma B is not positive definite.
     """
     _check_fits(iteration, count, width)
     target = 0.5 * iteration.context.tolerance  # residuals are recomputed at the end
@@ -86,7 +86,7 @@ def block_changes(iteration: InverseIteration, values: Floats, functions: Floats
 
 
 def _relative_changes(iteration: InverseIteration, corrections: Floats, theta: Floats, functions: Floats) -> Floats:
-    """Return the root mean squares (k,) of ``corrections`` (n, k) over those of abs(theta) ``functions`` (n, k)."""
+    """Return the root mean squares (k,) of ``corrections`` (n, k) over those of abs(theta) times ``functions``."""
     form = iteration.context.discretized
     squares = [np.diag(form.inner(block, block)) for block in (corrections, functions)]
     return np.asarray(np.sqrt(squares[0] / squares[1]) / np.abs(theta))

@@ -154,7 +154,7 @@ def _prepare_shifted(
 
 
 def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
-    """Return the ``count`` eigenpairs nearest to the shift, in any order, by ARPACK.
+    """Return the ``count`` eigenpairs nearest to the shift, in any order, by ARPACK; eigenvectors have any scale.
 
     Raises ConvergenceError if a linear solve or the iteration does not reach the tolerance.
     """
@@ -189,7 +189,7 @@ def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
 
 
 def mass_unknowns(iteration: InverseIteration) -> Ints | None:
-    """Return the numbers (m,) of the unknowns in B's nonzero rows if few, and the problem is symmetric; else None."""
+    """Return the unknowns (m,) in B's nonzero rows, if at most 64 and half, and the problem symmetric; else None."""
     if not iteration.symmetric or iteration.mass is None or not hasattr(iteration.mass, "to_csr"):
         return None
     matrix = iteration.mass.to_csr()

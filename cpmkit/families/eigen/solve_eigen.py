@@ -101,7 +101,7 @@ class Modes:
 
 
 def _select_modes(problem: Eigen, iteration: InverseIteration, pairs: EigenPairs) -> Modes:
-    """Return the modes nearest to the number ``near`` of the problem, else to the shift, in ascending order.
+    """Return the ``count`` modes nearest to the number ``near`` of the problem, else to the shift, in ascending order.
 
     A pair of complex eigenvalues gives two modes, the real and the imaginary part of an eigenvector.
     """
@@ -123,7 +123,7 @@ def _select_modes(problem: Eigen, iteration: InverseIteration, pairs: EigenPairs
 
 
 def _normalise(form: Discretized, values: Floats, functions: Floats, equal: Floats) -> Floats:
-    """Return the eigenfunctions ``functions`` (n, k) scaled to unit mean square and with a definite sign.
+    """Return the eigenfunctions ``functions`` (n, k) with mean square 1, positive where they are largest in size.
 
     Functions whose eigenvalues ``values`` (k,), ascending, differ by at most ``equal`` (k,) are made orthogonal.
     """
@@ -140,10 +140,10 @@ def _normalise(form: Discretized, values: Floats, functions: Floats, equal: Floa
 
 
 def _residuals(iteration: InverseIteration, values: Any, vectors: Any) -> Floats:
-    """Return the relative change (k,) of each eigenvector (n, k) in one more step of inverse iteration.
+    """Return the relative change (k,) of each eigenvector in one more step of inverse iteration.
 
-    ``values`` (k,) are the eigenvalues, ``vectors`` the eigenvectors, real or complex. If the solver has a
-    preconditioner for symmetric problems, a preconditioned step is used instead.
+    ``values`` (k,) are the eigenvalues, ``vectors`` (n, k) the eigenvectors, real or complex. If ``iteration`` has a
+    preconditioner, the step is a preconditioned one.
     """
     if iteration.preconditioner is not None:
         return block_changes(iteration, values, vectors)
@@ -231,7 +231,7 @@ def split_multiplet_warning(problem: Eigen, values: Floats, shift: float) -> lis
 
 
 def fewer_modes(solution: EigenRecord, scene: Scene) -> EigenRecord:
-    """Return the solution with only the modes that ``scene`` requests, as if that scene had been solved."""
+    """Return ``solution`` with only the modes that ``scene`` requests; itself if the scene requests as many or more."""
     problem, values = cast("Eigen", scene.problem), solution.eigenvalues
     if problem.count >= len(values):
         return solution

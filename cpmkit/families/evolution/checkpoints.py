@@ -150,7 +150,7 @@ def digest_arrays(arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def digest_run(plan: RunPlan, time: float) -> str:
-    """Return a digest of a run's operators, initial values, and data at the start and at ``time``, its time so far."""
+    """Return a digest (hexadecimal) of a run's operators, initial values, and data at the start and at ``time``."""
     problem, start = plan.problem, plan.start
     probe = np.random.default_rng(0).normal(size=(problem.form.size, 1))
     tables = [array for group in problem.groups for array in (group.stiffness.apply(probe), group.stiffness.diagonal)]

@@ -58,7 +58,7 @@ def _heat_drift_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.Histo
 def wave_energy(problem: semidiscrete.SemiDiscrete, moment: semidiscrete.Moment) -> Floats | None:
     """Return the energy (channels,) of a wave, ``v'Mv/2 + u'Au/2 - u'b``, with the forcing as a potential.
 
-    u and v are those of ``moment``. It is conserved if b is constant in time. None without a wave or a symmetric A.
+    u and v are ``u`` and ``rate`` of ``moment``. It is conserved if b is constant. None without a rate or symmetric A.
     """
     if moment.rate is None or not problem.stiffness.symmetric:
         return None
@@ -99,9 +99,9 @@ def growth_check(plan: semidiscrete.RunPlan) -> Callable[[Floats, float], None] 
 
 
 def _long_step_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
-    """Return a warning in a list if the error of advection in the scheme is large; else [].
+    """Return a warning in a list if advection in the scheme is off by over a tenth of the variation of u; else [].
 
-    It is estimated over the whole run, or over the time in which diffusion removes the variation of u.
+    The error is that of the whole run, or of the time in which diffusion removes the variation.
     """
     evolution, form = plan.evolution, plan.problem.form
     if not isinstance(evolution, Heat) or evolution.velocity is None or len(history) < 2:

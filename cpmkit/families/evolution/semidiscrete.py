@@ -275,7 +275,7 @@ class ShiftedSolver:
         )
 
     def _solve(self, group: ChannelGroup, factor: float, right_side: Floats, guess: Floats) -> Floats:
-        """Return the solution (n, k) for the k channels of a group, and count it; a ``factor``'s system is cached."""
+        """Return u (n, k) for the k channels of a group, and count the solve; the system of ``factor`` is cached."""
         depends_on_time = conditions_depend_on_time(self.problem.form.scene)  # and so may the mass matrix
         key = ("shifted", operator_key(group.terms), depends_on_time, factor)
         system: PreparedSystem = self.context.cache.get(key, self._prepare, group, factor)

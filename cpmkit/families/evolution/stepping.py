@@ -105,7 +105,7 @@ def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history:
 
 
 def half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of ``step``, by two half steps of backward Euler from the last of ``history``."""
+    """Return the moment at the end of ``step`` by two half steps of backward Euler, from the last of ``history``."""
     half, middle = 0.5 * step.length, 0.5 * (step.start + step.end)
     first = backward_euler(problem, solver, history, Step(step.start, middle, half, False))
     second = backward_euler(problem, solver, [*history, first], Step(middle, step.end, half, False))
@@ -135,7 +135,7 @@ def bdf2_start(now: Floats, before: Floats, ratio: float) -> Floats:
 
 
 def extrapolate(history: History, length: float) -> Floats:
-    """Return the polynomial through u of all moments ``history``, extrapolated by ``length``: (n, channels)."""
+    """Return u (n, channels) at ``length`` after the last of ``history``, by the polynomial through all its moments."""
     times = -np.cumsum([0.0, *(moment.length for moment in history[:0:-1])])
     values = np.zeros_like(history[-1].u)
     for k, moment in enumerate(reversed(history)):

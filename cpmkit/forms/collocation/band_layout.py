@@ -160,7 +160,7 @@ def extension_matrix(
 ) -> SparseMatrix:
     """Return the matrix (n, unknowns) that interpolates the unknowns at ``points`` of the manifold.
 
-    ``unknowns``: unknowns of the band that is interpolated in.
+    ``unknowns``: unknowns of the band, whose order is that of the columns.
     ``points`` (n, d): points of the manifold, relative to the lattice's origin.
     ``centres``: the side of each boundary, and the sheet, that each point is on.
     ``coefficient`` (n,): factor of each row, by default 1.
@@ -204,7 +204,7 @@ def extend_rows(
 
 
 def _formula_of_rows(layout: Layout) -> RowFormula:
-    """Return the formulas of all rows of E: of the band's nodes, then of each boundary's ghosts."""
+    """Return the formulas of all rows of E: of the band's nodes, then of the ghosts of each boundary in turn."""
     parts, unknowns = [layout.formula, *(group.formula for group in layout.ghosts)], layout.unknowns
     numbers = np.split(np.arange(unknowns.rows), unknowns.first_rows[:-1])
     numbered = list(zip(parts, numbers, strict=True))

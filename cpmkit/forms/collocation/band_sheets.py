@@ -116,10 +116,10 @@ class Sheets:
         ``at``: the centres of the stencils, n points of the surface.
         ``normals`` (n, d): unit normals there.
         ``columns`` (n, s) int: sites that the stencils read.
-        ``readable`` (sites,): whether a site may be chosen.
+        ``readable`` (sites,): whether a site may be chosen as a replacement.
         ``every``: True to test also sites without twins, for a complete list of ``missing``.
         Returned ``selected`` (n, s) int: the sites after replacement.
-        Returned ``missing``: row and column of the entries for which no site exists on the stencil's own sheet.
+        Returned ``missing``: row (m,) and column (m,) of the entries without a site on the stencil's own sheet.
         """
         selected = columns.copy()
         row, column = np.nonzero(np.ones_like(columns) if every else self.counts(columns))
@@ -218,8 +218,8 @@ class BoundaryOnSheets:
     def _offsets(self, base: SurfacePoints, targets: SurfacePoints) -> tuple[Floats, Bools]:
         """Return the vectors (n, d) from boundary points ``base`` to ``targets``, and whether (n,) they share a sheet.
 
-        Where the normals do not decide (at creases, or where the surface bends sharply between the two), they are on
-        one sheet if a walk along the surface from one of them reaches the other.
+        Where the normals do not decide (at creases and sharp bends), they are on one sheet if a walk along the surface
+        from one reaches the other; the vector then has the walk's last direction and the length of the chord.
         """
         possible = same_sheet(
             base.points, base.normals, targets.points, targets.normals, self.spacing, self.signed, STEEP_CHORD_SHARE
@@ -239,9 +239,9 @@ class BoundaryOnSheets:
         return offset, on_sheet
 
     def _is_level(self, feet: SurfacePoints, targets: SurfacePoints) -> Bools:
-        """Return whether (n,) points of a pair have the same height over their mean normal, as on any smooth sheet.
+        """Return whether (n,) the points of a pair have the same height along their mean normal, as on a smooth sheet.
 
-        This also holds for points on the two slopes of a ridge: where normals differ much, only close points count.
+        So have points on the two slopes of a ridge: where normals differ much, only close pairs are True.
         """
         along = np.sum(feet.normals * targets.normals, axis=1)
         other = targets.normals if self.signed else np.where(along[:, None] < 0, -targets.normals, targets.normals)
@@ -253,7 +253,8 @@ class BoundaryOnSheets:
     def _nearest_samples(self, targets: SurfacePoints, radius: float) -> tuple[ClosestPoints, Bools]:
         """Return the boundary's records of the sample nearest to each target on its sheet, and whether (n,) one exists.
 
-        Samples within ``radius`` count; those at the target's height are preferred to those that differ by a bend.
+        Samples within ``radius`` count; those at the target's height are preferred to those beyond a bend. Where none
+        exists, the record is that of any sample.
         """
         from scipy.spatial import cKDTree
 

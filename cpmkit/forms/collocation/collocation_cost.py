@@ -56,7 +56,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return self._bytes_with_rows(None, unknowns, solver)
 
     def _bytes_with_rows(self, rows: int | None, unknowns: float, solver: str) -> float:
-        """Return the bytes at the peak of a solve with this number of ``rows`` of E, None for the usual number."""
+        """Return the bytes at a solve's peak with this number of ``rows`` of E, estimated from ``unknowns`` if None."""
         dim, degree = self.scene.surface.dim, self.options.own.degree
         per_unknown = None if rows is None else rows / unknowns
         return unknowns * bytes_per_unknown(dim, degree, solver, self.scene.channels, per_unknown)
@@ -184,7 +184,7 @@ class CollocationCost(CostModel[CollocationOptions]):
 
 
 def _query_noise(layout: Layout) -> float:
-    """Return the largest distance by which the closest points of 1000 nodes move when they are queried again."""
+    """Return the largest distance (length) by which the closest points of 1000 nodes move when queried again."""
     nodes = np.linspace(0, len(layout.band.nodes) - 1, PROBED_FEET).astype(np.int64)
     feet = layout.band.feet.take(np.unique(nodes))
     if feet.doubtful is not None:
@@ -194,7 +194,7 @@ def _query_noise(layout: Layout) -> float:
 
 
 def _counts_of(layout: Layout) -> dict[str, int]:
-    """Return the counts of a layout (nodes, rows, unknowns, ghosts, queries) by name."""
+    """Return the counts of a layout by name: nodes, rows, unknowns, queries, ..., and "ghosts k" of boundary k."""
     counts = {
         "inner": layout.band.inner,
         "twins": layout.band.inner - layout.band.first_twin,

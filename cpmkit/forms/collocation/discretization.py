@@ -74,7 +74,7 @@ class Discretization:
         )
 
     def read_sources(self, data: Data, label: str, time: float | None = None) -> Floats:
-        """Return ``data`` (unknowns, channels) at :attr:`sources` and ``time``; errors call the data ``label``."""
+        """Return ``data`` (unknowns, channels) at :attr:`sources`; errors call them ``label``; no ``time``: steady."""
         sources, lattice, channels = self.sources, self.layout.lattice, self.layout.channels
         values = evaluate_data(data, lattice.to_scene(sources.points), channels, label, time)
         if not sources.terms:
@@ -88,7 +88,8 @@ class Discretization:
     def read_at_rows(self, data: Any, label: str, channels: int | None = 1) -> Floats:
         """Return a coefficient (rows, channels), called ``label`` in errors, at all rows of E.
 
-        Ghosts read it on the side that they continue. ``channels`` None means as many as the ``data`` have.
+        Ghosts read it on the side that they continue. ``data`` are a number or function of points; ``channels`` None
+        means as many as these have. Raises InputError if they are not finite numbers of this shape.
         """
         formulas = [self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)]
         points = [self.layout.lattice.to_scene(formula.points) for formula in formulas]
@@ -130,8 +131,8 @@ def build_tables(
 ) -> Discretization:
     """Return the tables of a scene (E, difference neighbours, boundary data), after all checks of its layout.
 
-    ``progress`` is called with stages and the shares done. Raises InputError, SceneError or ResolutionError if the
-    lattice's origin, a boundary, a condition or the spacing does not fit.
+    ``progress(stage, share)`` is called. Raises InputError, SceneError or ResolutionError if the lattice's origin, a
+    boundary, a condition or the spacing does not fit.
     """
     layout = band_layout.lay_out(scene, options, progress)
     check_layout(layout, scene)
@@ -153,7 +154,7 @@ def read_only(matrix: SparseMatrix) -> SparseMatrix:
     """Return ``matrix``, one of the tables, after making its arrays read-only.
 
     SciPy sorts the indices of an operand in place where it needs them sorted (``abs`` does): a matrix that shares the
-    arrays, or code that relies on the order in a row, would then be wrong without an error.
+    arrays, or code that relies on the order in a row, would be wrong.
     """
     for part in (matrix.data, matrix.indices, matrix.indptr):
         part.flags.writeable = False
@@ -161,7 +162,7 @@ def read_only(matrix: SparseMatrix) -> SparseMatrix:
 
 
 def _neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
-    """Return the rows of E (unknowns, 2 d) that the difference stencil of each unknown reads.
+    """Return the rows of E (unknowns, 2 d) that difference stencils read, in the order of :func:`cross_offsets`.
 
     ``centres`` are those of the interpolation stencils of all rows of E. A neighbour on the other side of a boundary is
     read through its ghost. The stencil of a ghost reads the ghost of a neighbour that is on its own node's side, and

@@ -71,7 +71,7 @@ class ExtensionOperator:
         return np.asarray(self._diagonal(rows, u) * u[rows] - self.scale * product)
 
     def _diagonal(self, rows: Any, u: Floats) -> Any:
-        """Return the diagonal at ``rows``: a number, (r,) for u (n,), or (r, 1) for u (n, channels)."""
+        """Return the diagonal at ``rows``, (r,) or a slice: a number, (r,) for u (n,), (r, 1) for u (n, channels)."""
         if not isinstance(self.diagonal, np.ndarray):
             return self.diagonal
         return self.diagonal[rows, 0] if u.ndim == 1 else self.diagonal[rows]
@@ -171,7 +171,7 @@ def check_terms(terms: Terms) -> None:
 
 
 def _coefficient(tables: Discretization, data: Data, label: str) -> Floats:
-    """Return a scalar coefficient (n, 1) of the equation at the unknowns; ``label`` is its name in errors."""
+    """Return a coefficient (n, 1) of the equation at the unknowns; InputError, with ``label``, if it is not scalar."""
     if not callable(data):
         return np.full((tables.unknowns.count, 1), evaluate_data(data, np.zeros((1, 1)), 1, label)[0, 0])
     return tables.read_at_rows(data, label)[tables.unknowns.row_of_unknown]
@@ -229,7 +229,7 @@ def _add_log_terms(values: Floats, formula: RowFormula, log_at: Callable[[Floats
 def _advection_weights(tables: Discretization, velocity: VectorField, diffusive: Floats) -> Floats:
     """Return the weights (n, 2 d) of the difference neighbours in ``spacing^2 v . grad u``, by central differences.
 
-    ``diffusive`` (n, 2 d) are the weights of diffusion.
+    ``diffusive`` (n, 2 d) are the weights of diffusion; neighbours are in the order of :func:`cross_offsets`.
 
     Raises InputError if the velocity has the wrong number of coordinates. Raises ResolutionError if advection over one
     spacing is more than twice as strong as diffusion: the solution would oscillate.

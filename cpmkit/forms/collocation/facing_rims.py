@@ -88,7 +88,7 @@ def _gaps_ahead(surface: LocalSource, rim: Floats, outward: Floats, spacing: flo
     """
 
     def across_gap(rows: Ints, step: float) -> tuple[Floats, Bools, Bools]:
-        """Return the feet (m, d) ``step`` ahead, whether (m,) each is on another part, and if that faces the rim."""
+        """Return closest points (m, d) of ``step`` ahead, whether (m,) each is on another part, and faces the rim."""
         ahead = rim[rows] + step * outward[rows]
         feet = surface.closest_point(ahead).points
         chord, back = feet - rim[rows], feet - ahead
@@ -110,7 +110,7 @@ def _gaps_ahead(surface: LocalSource, rim: Floats, outward: Floats, spacing: flo
 
 
 def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
-    """Return whether (k,) each point ``rim`` (k, d) is on a stretch, in its ``loop`` (k,), of 6 spacings or more."""
+    """Return whether (k,) each of ``rim`` (k, d) is in a chain of near points of its ``loop`` (k,) over 6 spacings."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

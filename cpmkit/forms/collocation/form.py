@@ -88,7 +88,7 @@ class Collocation(Reader):
         return np.flatnonzero(band.feet.edge[: band.inner] < 0)
 
     def check(self, solver: str) -> None:
-        """Raise ResolutionError if ``solver`` is "direct" and exceeds the memory; also raise as :func:`check_waves`."""
+        """Raise ResolutionError if ``solver`` "direct" exceeds the memory; raise for waves as :func:`check_waves`."""
         layout = self.tables.layout
         if solver == "direct":  # the memory of other solvers was checked before the tables
             CollocationCost(self.scene, self.options).check_fits(self.size, solver)
@@ -105,17 +105,17 @@ class Collocation(Reader):
     # Equations
 
     def stiffness(self, terms: Terms) -> ExtensionOperator:
-        """Return the operator A of the ``terms``; the conditions of the tables are in the rows of ghosts."""
+        """Return A of the ``terms``, with the conditions in the rows of ghosts; raises as :func:`build_operator`."""
         return build_operator(self.tables, terms)
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return ``f`` (n, channels) at the unknowns and ``time``, at ghosts on the side that they continue."""
+        """Return ``f`` (n, channels) at the unknowns, at ghosts on the side that they continue; no ``time``: steady."""
         return self.tables.read_sources(f, "the right-hand side f", time)
 
     def condition_load(self, stiffness: Any, time: float | None = None, of: str = "value") -> Floats:
         """Return the part (n, channels) of the right-hand side that comes from boundary data at ``time``.
 
-        With ``of="laplacian"``, the data are instead those that supports give for v = -Lap u. ``stiffness`` is A.
+        With ``of="laplacian"``, the data are those that supports give for v = -Lap u. ``stiffness`` is the operator A.
         """
         data: Iterable[BoundaryData] = self.tables.data
         if of == "laplacian":  # with the signs that v = -Lap u has
@@ -151,7 +151,7 @@ class Collocation(Reader):
         return u[self._on_manifold if rows is None else self._on_manifold[rows]]
 
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
-        """Return the unknowns (n, channels) with ``values`` (p, channels) at the nodes, continued by the conditions.
+        """Return unknowns (n, channels) with ``values`` (p, channels) at :attr:`points`, continued by the conditions.
 
         Ghosts and nodes past an edge follow from the conditions with data at ``time``. Their iteration starts from
         ``start`` (n, channels), by default from the nearest node on the side that they continue: a ghost on its
@@ -173,7 +173,7 @@ class Collocation(Reader):
         return self._apply_formulas(u, self.tables.datum(time))
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
-        """Return ``function(u, points)`` (n, channels), with the points (n, d) at which the unknowns read sources."""
+        """Return ``function(u, points)`` (n, channels) for u (n, channels), at the points (n, d) that f is read at."""
         return function(u, self.tables.layout.lattice.to_scene(self.tables.sources.points))
 
     def interpolate(
@@ -182,8 +182,8 @@ class Collocation(Reader):
         """Return ``data`` at the unknowns (n, channels), continued across boundaries and edges by their conditions.
 
         ``label`` is the data's name in errors. The conditions' data are those at ``time``, or with ``step`` > 0 their
-        difference quotients over it. ``in_range`` is ignored. Ghosts satisfy the conditions, because with the data at
-        their closest points they would be wrong by the order of the spacing.
+        difference quotients from ``time`` to ``time + step``. ``in_range`` is ignored. Ghosts satisfy the conditions:
+        with the data at their closest points they would be wrong by the order of the spacing.
         """
         datum = self.tables.datum(time)
         if step:
@@ -203,7 +203,7 @@ class Collocation(Reader):
         return continued
 
     def inner(self, u: Floats, v: Floats) -> Floats:
-        """Return means (k, m), over :attr:`points`, of the products of u's columns (n, k) with v's (n, m)."""
+        """Return the means (k, m), over :attr:`points`, of the products of the columns of u (n, k) and of v (n, m)."""
         return np.asarray(self.at_points(u).T @ self.at_points(v) / len(self._on_manifold))
 
     # Free constants and means
@@ -278,7 +278,7 @@ class Collocation(Reader):
     # Saved solutions
 
     def describe(self) -> dict[str, Any]:
-        """Return the form's options, the lattice's origin, and how far each boundary was moved to the manifold."""
+        """Return by name the options, the lattice's origin, and how far each boundary was moved to the manifold."""
         layout = self.tables.layout
         pairs = zip(self.scene.boundaries, layout.boundaries.on_lattice, strict=True)
         return {
@@ -290,7 +290,7 @@ class Collocation(Reader):
         }
 
     def arrays(self) -> dict[str, Any]:
-        """Return the saved arrays: each option, inner nodes ``nodes``, ``ghosts`` (g, 2) and their sides ``left``."""
+        """Return arrays by name: options, inner ``nodes`` (m, d), ``ghosts`` (g, 2): boundary, node; ``left`` (g,)."""
         return {
             **{name: np.array(value) for name, value in self.tables.layout.options.as_dict().items()},
             "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],
@@ -299,7 +299,7 @@ class Collocation(Reader):
         }
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return in words how nodes and ghosts differ from those of the arrays ``saved``; empty if they do not.
+        """Return in words how nodes and ghosts differ from those of ``saved``, see :meth:`arrays`; empty if not.
 
         Up to 5 percent of the ghosts may continue the other side: for nodes on a boundary, rounding decides.
         """

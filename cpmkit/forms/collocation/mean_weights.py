@@ -60,7 +60,7 @@ def _end_weights(tables: Discretization) -> Floats:
 
 
 def _bumps_and_ends(tables: Discretization) -> tuple[Floats, Floats]:
-    """Return the bump (n,) of each unknown, and how many spacings (n,) it is past its component's end, 0 if inside."""
+    """Return the window (n,) at each unknown, and how many spacings (n,) it is past its component's end, or 0."""
     band, inner = tables.layout.band, tables.layout.band.inner
     reach = 0.5 * (band.degree + 1) * band.spacing
     offset = (band.positions - band.feet.points)[:inner]
@@ -153,7 +153,7 @@ def with_smooth_means(tables: Discretization, border: Border) -> Border:
 def describe_imbalances(
     tables: Discretization, scene: Scene, operator: Bordered, imbalances: Iterable[Imbalance]
 ) -> tuple[Imbalance, ...]:
-    """Return the ``imbalances``, one for each piece of the border, with size, explained, near, share and bounded_by.
+    """Return ``imbalances``, one a piece of the border, with their fields size, explained, near, share, bounded_by set.
 
     The lowest order of the conditions, 1 or 2, decides how large an imbalance the spacing explains.
     """
@@ -184,7 +184,7 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
 
 
 def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, Any]:
-    """Return the fields near, share, bounded_by of an imbalance on the component with sorted unknowns ``members``."""
+    """Return the fields near, share, bounded_by of an imbalance on a component of unknowns ``members``, ascending."""
     layout = tables.layout
     nodes = members[: np.searchsorted(members, layout.band.inner)]
     middle = layout.band.feet.points[nodes[[len(nodes) // 2]]]

@@ -57,7 +57,7 @@ class FluxRows:
 
 
 def find_flux_rows(tables: Discretization) -> list[FluxRows]:
-    """Return a record for each datum of the tables that is a nonlinear flux."""
+    """Return a record for each datum of the tables that is a nonlinear flux, in the order of the data."""
     return [_flux_rows(datum.law, datum, tables) for datum in tables.data if isinstance(datum.law, Nonlinear)]
 
 
@@ -87,7 +87,8 @@ def _known_values(values: Floats, _points: Floats) -> Floats:
 def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: Sequence[Floats]) -> Discretization:
     """Return the tables with each flux replaced by its tangent ``du/db = j(v) + j'(v) (u - v)``.
 
-    ``seen`` gives the values v (k,) of u at each flux's points. A flux that does not change with u stays a Neumann law.
+    ``seen`` has for each flux v (k,), u at its points. A flux whose j'(v) is zero becomes a Neumann law, else a Robin
+    law.
 
     Raises ResolutionError if a flux grows with u so strongly that the spacing is too coarse.
     """

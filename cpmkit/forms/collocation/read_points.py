@@ -50,16 +50,16 @@ class Reader(Discretized):
     def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, unknowns) that interpolates at the manifold's points nearest to ``points`` (k, d).
 
-        Points on a boundary are read from its ``side``, for all or by name. Raises as :meth:`checked_closest_points`.
+        Points on a boundary are read from its ``side``, for all or by name. Raises InputError if a point is too far.
         """
         feet = self.checked_closest_points(self.to_local_points(points))
         centres = Centres.of_points(feet, self.side_views(feet.points, self.side_numbers(side)))
         return extension_matrix(self.tables.unknowns, feet.points, centres)
 
     def gradient(self, values: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the gradient (k, channels, d) of ``values`` (unknowns, channels) at points (k, d), or the form's.
+        """Return the gradient (k, channels, d) of ``values`` (unknowns, channels) at points (k, d), None: the form's.
 
-        Points on a boundary are read from its ``side``, for all or by name. Raises as :meth:`checked_closest_points`.
+        Points on a boundary are read from its ``side``, for all or by name. Raises InputError if a point is too far.
         """
         points = self.points if points is None else points
         return surface_gradient(self, values, self.to_local_points(points), self.side_numbers(side))
@@ -70,7 +70,7 @@ class Reader(Discretized):
         """Return du/db (k, channels) at points (k, d) near a ``side`` of a boundary, or near the edge without these.
 
         ``values`` (unknowns, channels) are u. The conormal b points out of ``side``: it is -v on the left and +v on the
-        right, where v points to the left; at the edge it points outwards. Raises as :meth:`checked_closest_points`.
+        right, where v points to the left; at the edge it points outwards. Raises InputError if a point is too far.
         """
         surface, local = self.tables.layout.surface, self.to_local_points(points)
         if boundary is None or side is None:
@@ -119,7 +119,7 @@ class Reader(Discretized):
     def side_views(self, local: Floats, sides: Mapping[int, Side]) -> list[SideView]:
         """Return for each boundary distances and sides of the points ``local`` (k, d), on the manifold, near it.
 
-        Points on boundary k count to the side ``sides[k]``, if given.
+        Points on boundary j count to the side ``sides[j]``, if given, else to the left.
         """
         views = []
         for index, boundary in enumerate(self.tables.layout.boundaries.on_lattice):
@@ -133,11 +133,11 @@ class Reader(Discretized):
         return views
 
     def to_local_points(self, points: Any) -> Floats:
-        """Return ``points`` (k, d), checked for shape and finite numbers, relative to the lattice's origin."""
+        """Return ``points`` (k, d) relative to the lattice's origin; InputError if they are no such finite array."""
         return self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim))
 
     def side_numbers(self, side: Sides) -> dict[int, Side]:
-        """Return the side that is read of each boundary, by the boundary's number; see :func:`named_sides`."""
+        """Return sides by boundary number; ``side`` is one for all, or a side by name, see :func:`named_sides`."""
         has_left = [boundary.oriented.has_left for boundary in self.tables.layout.boundaries.on_lattice]
         by_name = named_sides(self.scene.boundaries, side, has_left)
         return {boundary_number(self.scene.boundaries, name): of_boundary for name, of_boundary in by_name.items()}
@@ -167,7 +167,7 @@ def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mappi
     ``local`` (n, d): points relative to the lattice's origin.
     ``sides``: the side from which points on a boundary are read, by the boundary's number.
 
-    Raises InputError if a point is too far from the manifold.
+    Raises InputError if a point is farther from the manifold than the tube's radius.
     """
     gradient = np.empty((len(local), values.shape[1], local.shape[1]))
     for start in range(0, len(local), GRADIENT_CHUNK_POINTS):
@@ -261,10 +261,10 @@ def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
 def _samples_inside(
     reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView], bends: Bends, sides: Mapping[int, Side]
 ) -> tuple[Ints, ClosestPoints, Floats]:
-    """Return the samples from which gradients near bends (jumps of second derivatives) are extrapolated.
+    """Return the samples from which gradients at ``feet`` near bends (jumps of second derivatives) are extrapolated.
 
     Returned ``rows`` (k,): points of the batch all of whose samples may be used.
-    Returned ``samples``: s samples for each of these points.
+    Returned ``samples``: k s closest points, the s samples of the first point first, the nearest to the bend first.
     Returned ``weights`` (k, s): weights of the samples.
     """
     distances = np.array(CONTINUATION_DISTANCES_SPACINGS) * reader.spacing

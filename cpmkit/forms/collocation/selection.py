@@ -156,7 +156,7 @@ class Unknowns:
         return selected
 
     def _on_own_sheet(self, centres: Centres, columns: Ints, readable: int) -> Ints:
-        """Return ``columns`` (n, s) with nodes of other sheets replaced by their twins, numbered below ``readable``."""
+        """Return ``columns`` (n, s) with nodes of other sheets replaced by their twins with numbers < ``readable``."""
         sheets = self.band.sheets
         if sheets is None:
             return columns

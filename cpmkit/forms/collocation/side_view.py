@@ -55,7 +55,7 @@ class SideView(Rows):
 
 
 def points_near(source: LocalSource, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
-    """Return the numbers (k,) of ``points`` (n, d) within ``radius`` of a boundary's source, and their closest points.
+    """Return the numbers (k,) of ``points`` (n, d) within ``radius`` of a boundary, and the k closest points on it.
 
     Only points in blocks, of four ``spacing`` a side, whose centres are near enough are queried.
     """
@@ -144,9 +144,9 @@ class BoundaryOnLattice:
     def _from_point(self, on_surface: ClosestPoints, offset: Floats, spacing: float) -> Floats:
         """Return the directors T (z - y) (n, d) of a boundary that is a point y, T the tangential projection at y.
 
-        ``offset`` (n, d) are z - y, ``on_surface`` the records of y. Where z is y, the director is a tiny vector, along
-        a fixed tangent: stencils cross the point there too, as a whole line of nodes may have this closest point.
-        King et al. (2024), section 4.5 and eq. 17 without the tangent.
+        ``offset`` (n, d) are z - y, ``on_surface`` the records of y. Where z is y, the director is a tiny vector along
+        a fixed tangent: stencils cross the point there too, as a line of nodes may have this closest point (King et al.
+        2024, section 4.5 and eq. 17, without the tangent). Tangents are differences over half of ``spacing``.
         """
         director = project_tangent(self.surface, on_surface, offset, 0.5 * spacing)
         touching = np.linalg.norm(director, axis=1) < ON_BOUNDARY_SPACINGS * spacing

@@ -41,7 +41,7 @@ class Sites(Rows):
     unknown: Bools  #: (m,): whether interpolation stencils read the site.
 
     def sheets(self, source: LocalSource, band: Band) -> Sheets:
-        """Return the twins of the ``band`` among the sites, for choosing stencils; its list ``mixed`` is empty."""
+        """Return the twins of the ``band`` of the surface ``source``, for choosing stencils; ``mixed`` is empty."""
         first, twins = _twins_by_site(self.base, np.arange(len(band.nodes), len(self)))
         return Sheets(source, band.spacing, self.feet, self.normals, first, twins, np.zeros(0, dtype=np.int64))
 
@@ -94,7 +94,7 @@ def nodes_between_sheets(band: Band) -> Bools:
 
 
 def _sites_near(band: Band, flagged: Bools) -> Ints:
-    """Return the nodes (k,) whose interpolation or difference stencils may contain one of the ``flagged`` (n,)."""
+    """Return the nodes (k,) whose interpolation or difference stencils may contain a node with ``flagged`` (n,)."""
     nodes = band.nodes[np.flatnonzero(flagged[: band.inner])]
     around = (nodes[:, None] - tensor_offsets(band.degree, band.dim)).reshape(-1, band.dim)
     cells = np.unique(band.codes.encode(around))
@@ -109,7 +109,7 @@ def _sites_near(band: Band, flagged: Bools) -> Ints:
 def find_missing(source: LocalSource, band: Band, sites: Sites, queue: Ints) -> MissingSites:
     """Return the nodes for which stencils of the sites ``queue`` (q,) have no site on their own sheet.
 
-    The stencils are the interpolation stencils of all these sites, and the difference stencils of those with unknowns.
+    Stencils are the interpolation stencils of these sites, and the difference stencils of those that are unknowns.
     """
     sheets, n = sites.sheets(source, band), sites.normals
     cells = stencil_cells(sites.feet.points[queue], band.spacing, band.degree)[0]
@@ -143,7 +143,7 @@ def _with_twins(source: LocalSource, band: Band, sites: Sites, missing: MissingS
 
 
 def _with_one_twin_each(source: LocalSource, band: Band, sites: Sites, missing: MissingSites) -> Sites:
-    """Return the sites with a twin for each missing site whose node has a foot on the sheet: the nearest such foot.
+    """Return the sites with a twin for each missing site whose node has a foot on the reader's sheet: the nearest.
 
     ``missing`` has each node at most once.
     """
@@ -170,9 +170,9 @@ def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missin
 
 
 def _twins_by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
-    """Return the first index (m + 1,) of each site's twins in a list sorted by site, and this list of the ``twins``.
+    """Return where (m + 1,) each site's twins begin in a list sorted by site, and this list (t,) of the ``twins`` (t,).
 
-    Twin t belongs to site ``base[t]``; ``base`` is (m,).
+    The site k is a twin of the site ``base[k]``; ``base`` is (m,).
     """
     twins = twins[np.argsort(base[twins], kind="stable")]
     return np.searchsorted(base[twins], np.arange(len(base) + 1)).astype(np.int64), twins

@@ -186,7 +186,7 @@ def _largest_jump(first: Boundary, second: Boundary, point: Floats, channels: in
 def find_mixed_sides(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
 ) -> list[UnresolvedPlace]:
-    """Return the tips and flanks where stencils mix sides with different conditions; data are read at ``time``."""
+    """Return the tips and flanks where stencils mix sides with different conditions; see :func:`find_meetings`."""
     places: list[UnresolvedPlace] = []
     for number, (boundary, on_lattice) in enumerate(zip(boundaries.definitions, boundaries.on_lattice, strict=True)):
         alike = same_condition(boundary.condition("left"), boundary.condition("right"))
@@ -201,8 +201,8 @@ def _tips(
 ) -> list[UnresolvedPlace]:
     """Return one record, or none, of the boundary's open ends at which it prescribes different values on its two sides.
 
-    Ends at another boundary are left out, and conditions other than values give none. The record has the place of one
-    end and the number of further ones.
+    ``number`` is the boundary's. Ends at another boundary are left out; conditions other than values give no record.
+    It has the place of one end and the number of further ones.
     """
     view, boundary, h = boundaries.side_views[number], boundaries.definitions[number], lattice.spacing
     ends = view.foot[view.end]
@@ -226,7 +226,7 @@ def _tips(
 def _flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[UnresolvedPlace]:
     """Return a list of at most one place where a boundary faces itself and feet of near nodes jump between its flanks.
 
-    It is found from the boundary's points nearest to nodes, independently of the position of the lattice.
+    ``number`` is the boundary's. The search is among its points nearest to nodes, for any position of the lattice.
     """
     from scipy.spatial import cKDTree
 

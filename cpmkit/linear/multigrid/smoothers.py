@@ -158,7 +158,7 @@ class Schwarz:
 
     @classmethod
     def from_matrix(cls, matrix: SparseMatrix) -> Schwarz:
-        """Return the smoother of a matrix. Raises RuntimeError if a block is singular."""
+        """Return the smoother of a matrix with symmetric sparsity; RuntimeError if a block is singular."""
         blocks = []
         for own in bisect_unknowns(matrix):
             unknowns = np.unique(matrix[own].indices).astype(np.int64)
@@ -178,7 +178,7 @@ class Schwarz:
 
 
 def bisect_unknowns(matrix: SparseMatrix) -> list[Ints]:
-    """Return the unknowns of ``matrix`` in compact parts (m,) of at most :data:`MAX_BLOCK_UNKNOWNS`, each ascending.
+    """Return the unknowns of ``matrix`` in compact parts (m,), each ascending, of at most 1500, in no certain order.
 
     A part is bisected into the first and the second half of a breadth-first search in the graph of the matrix, from an
     unknown at the end of each connected component.

@@ -146,7 +146,7 @@ def build_schwarz_cycle(matrix: SparseMatrix, levels: Sequence[Level]) -> Cycle:
 
 
 def stabilise_lines(matrix: SparseMatrix, lines: Ints) -> SparseMatrix:
-    """Return a coarser matrix plus a small penalty on differences of order k - 1 of the unknowns ``lines`` (r, k)."""
+    """Return ``matrix`` with a penalty, 1e-6 of its diagonal, on differences of order k - 1 along ``lines`` (r, k)."""
     from scipy.sparse import csr_array
 
     r, k = lines.shape

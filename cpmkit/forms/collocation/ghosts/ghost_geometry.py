@@ -156,8 +156,8 @@ class GhostGeometry:
     def side_views(self, rows: Ints, points: Floats, radius: float, own_side: bool = False) -> list[SideView]:
         """Return for each boundary the distances and sides of ``points`` (k, d) that the ghosts ``rows`` (k,) read.
 
-        Those within ``radius`` of the boundary are returned. For the ghosts' own boundary all count to the side that
-        they continue, or with ``own_side`` to their node's.
+        They are the points within ``radius`` of it, in the scene's unit; for the ghosts' own boundary all points, on
+        the side that the ghosts continue, or with ``own_side`` on their node's.
         """
         seen, sign = self.seen.take(rows), 1.0 if own_side else -1.0
         own = replace(seen, rows=np.arange(len(rows)), director=sign * seen.director, signed=sign * seen.signed)
@@ -167,7 +167,7 @@ class GhostGeometry:
         ]
 
     def with_side_views(self, term: ExtraPoint, radius: float, own_side: bool = False) -> ExtraPoint:
-        """Return ``term`` with the side views of its points within ``radius``, as in :meth:`side_views`."""
+        """Return ``term``, whose rows are ghosts, with the side views of its points, as in :meth:`side_views`."""
         side_views = self.side_views(term.rows, term.points, radius, own_side)
         return replace(term, owner=self.index, side_views=side_views)
 

@@ -105,7 +105,7 @@ def build_ghosts(
 def _geometry(
     index: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice, mirrored: RowFormula
 ) -> tuple[GhostGeometry, int]:
-    """Return the geometry of the ghosts of a boundary, and the number of those that are unknowns."""
+    """Return the geometry of the ghosts of boundary ``index``, and the number of them that are unknowns, the first."""
     boundary = boundaries.on_lattice[index]
     seen, unknowns = _ghost_nodes(boundary, boundaries.side_views[index], band)
     foot_point, past_edge = mirrored.points[seen.rows], np.zeros(len(seen.rows), dtype=bool)
@@ -153,9 +153,9 @@ def _with_edge_formula(ghosts: RowFormula, mirrored: RowFormula, geometry: Ghost
 
 
 def _with_extrapolated_sources(sources: RowFormula, parts: Sequence[CoupledGhosts]) -> RowFormula:
-    """Return the formulas ``sources`` by which ghosts read right-hand sides, extrapolated for those that couple sides.
+    """Return the formulas ``sources`` by which ghosts read right-hand sides, extrapolated for the ghosts of ``parts``.
 
-    For ``parts``, values at the boundary and at two points beyond it are extrapolated to the node of the ghost.
+    For these, values at the boundary and at two points beyond it are extrapolated to the node of the ghost.
     """
     factor, added = np.ones(len(sources)), list[ExtraPoint]()
     for part in parts:

@@ -112,7 +112,7 @@ def _corners(
 
 
 def _along_rim(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing: float) -> Floats:
-    """Return unit tangent vectors (n, s, d) at right angles to ``outward`` (n, d), then their opposites.
+    """Return unit tangents (n, s, d) of rims at ``feet``, at right angles to ``outward`` (n, d): s / 2, then opposites.
 
     On a solid there are three directions, 120 degrees apart, because a single one might run along an edge.
     """
@@ -180,7 +180,7 @@ def _mirror(
     feet, mirrored = band.feet.take(rows), np.flatnonzero(~first_order)
 
     def mirror(goal: Floats) -> ClosestPoints:
-        """Return the points that the nodes read: those nearest to ``goal`` (n, d), at order 1 their closest points."""
+        """Return the k points that nodes read: those nearest to ``goal`` (k, d), at order 1 their closest points."""
         if not len(mirrored):
             return feet
         start = None if band.sheets is None else feet.take(mirrored)
@@ -243,7 +243,7 @@ def _data_beside_corners(
 def _exact_conormals(
     surface: LocalSource, edge: ClosestPoints, conormals: Floats, beyond: Floats, spacing: float
 ) -> Floats:
-    """Return the outward ``conormals`` (n, d), on solids replaced by the directions of ``beyond`` (n, d) to nodes."""
+    """Return outward unit ``conormals`` (n, d), on solids replaced by the directions of ``beyond`` (n, d), to nodes."""
     straight = surface.dimensions_at(edge) == surface.dim
     straight &= np.linalg.norm(beyond, axis=1) > ON_BOUNDARY_SPACINGS * spacing
     outward = conormals.copy()
@@ -256,7 +256,7 @@ def separated_from_mirrors(
 ) -> Ints:
     """Return the nodes (k,) past an edge that a boundary separates from their mirror points, the points of ``past``.
 
-    ``past`` is the formula of the band's nodes; boundaries farther than ``radius`` from a point are left out.
+    ``past`` is the formula of all band nodes; boundaries farther than ``radius`` (a length) from a point do not count.
     """
     nodes = np.flatnonzero((band.feet.edge >= 0) & (past.points != band.feet.points).any(axis=1))
     separated = np.zeros(len(nodes), dtype=bool)

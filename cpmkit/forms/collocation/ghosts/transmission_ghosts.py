@@ -73,7 +73,7 @@ def second_order_ghosts(geometry: GhostGeometry, law: Interface, rows: Ints) -> 
 
 
 def _points_beside(geometry: GhostGeometry, rows: Ints, sign: float) -> tuple[list[ClosestPoints], Bools]:
-    """Return the points one and two spacings from the boundary, and whether (k,) the ghosts ``rows`` may read both.
+    """Return k points one spacing and k two spacings from the boundary, and whether (k,) the ghosts ``rows`` read both.
 
     ``sign`` is 1 for points beyond the boundary and -1 for those on the ghosts' own side.
     """
@@ -94,7 +94,7 @@ def _terms(rows: Ints, points: list[ClosestPoints], weights: Floats) -> list[Ext
 def first_order_ghosts(
     geometry: GhostGeometry, law: Interface, rows: Ints
 ) -> tuple[Floats, list[BoundaryData], ExtraPoint]:
-    """Return the weights (k,) of u(mirror) in the ghosts ``rows``, their data, and the terms of u at their nodes."""
+    """Return weights (k,) of u(mirror) in the ghosts ``rows`` (k,), their data, and the terms of u at their nodes."""
     seen = geometry.seen.take(rows)
     s = np.linalg.norm(geometry.foot_point[rows] - geometry.mirror.points[rows], axis=1)
     materials = conductivities(law, geometry.boundaries.diffusivity, seen, geometry.lattice)
@@ -115,7 +115,7 @@ def _data(geometry: GhostGeometry, law: Interface, rows: Ints, jump: Floats, flu
 def first_order_weights(
     law: Interface, k_own: Floats, k_beyond: Floats, s: Floats, carries_left: Bools
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the weights (n,) of u at the ghost's node, of u(mirror), of the jump and of the flux.
+    """Return the weights (n,) of u at the ghost's node, of u(mirror), of the jump and of the flux, in this order.
 
     Values and slopes at the boundary are replaced by means and differences of the four values at a ghost's node and its
     mirror point, a distance ``s`` (n,) apart, two of which are ghosts. ``k_own`` and ``k_beyond`` (n,) are the
@@ -148,7 +148,7 @@ def second_order_weights(
 
     ``law``: the law, with its resistance.
     ``materials`` two (n,) float64: conductivities on the ghost's own side, and on the side that it continues.
-    ``own``, ``beyond`` (n, k): distances of the points on these sides from the boundary.
+    ``own``, ``beyond`` (n, k): distances, above zero, of the points on these sides from the boundary.
     ``at`` (n,): distance of the ghost from the boundary.
     ``carries_left`` (n,): whether the ghost continues the left side.
     ``spacing``: unit of length in which the small systems are well scaled.
@@ -176,6 +176,7 @@ def conductivities(law: Interface, diffusivity: Data, side_view: SideView, latti
     """Return the conductivities (n,) on the side of the ghosts' nodes, and on the side that the ghosts continue.
 
     They are those of the condition, or else the problem's ``diffusivity``, at the boundary points of ``side_view``.
+    Raises InputError if one is not positive.
     """
     left, right = (
         _continued_to_boundary(diffusivity if data is None else data, side_view, sign, lattice)
