@@ -14,7 +14,7 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.forms.cost_model import CostModel
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.options import AUTO, Options
-from cpmkit.grid.lattice import needed_spacing, other_solver_hint, rounded_up
+from cpmkit.grid.lattice import needed_spacing, other_solver_hint, round_up
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime import memory
@@ -188,7 +188,7 @@ def _memory_sentence(scene: Scene, options: Options[Any] | None, solver: str, li
         size, fits = model.peak_bytes(unknowns, chosen), model.fitting_spacing(chosen, limit.bytes)
         hint = other_solver_hint(chosen, model.smaller_solver)
         needed = f"about {unknowns:.2g} unknowns need {size / 2**30:.2g} GiB or more with the solver {chosen!r}, and "
-    fits = max(fits, rounded_up(COARSER_SPACING_FACTOR * spacing))
+    fits = max(fits, round_up(COARSER_SPACING_FACTOR * spacing))
     return (
         f"Memory ran out at spacing={spacing:g}: {needed}{limit}, libraries included; "
         f"try spacing={fits:g} or more{hint}."

@@ -308,7 +308,7 @@ def fitting_spacing(source: LocalSource, degree: int, available: int, solver: st
     ``degree`` and ``solver`` are as in :func:`bytes_per_unknown`.
     """
     unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / bytes_per_unknown(source.dim, degree, solver)
-    return rounded_up((unknowns_at_unit_spacing(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
+    return round_up((unknowns_at_unit_spacing(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
 
 
 def unknowns_at_unit_spacing(source: LocalSource, degree: int, counted: int = COUNTED_BLOCKS) -> float:
@@ -326,7 +326,7 @@ def unknowns_at_unit_spacing(source: LocalSource, degree: int, counted: int = CO
     return nodes_of_blocks(count, side, source.dim, m, degree) * cell**m
 
 
-def rounded_up(value: float) -> float:
+def round_up(value: float) -> float:
     """Return ``value``, above zero, rounded up to two significant digits; an excess of 1e-9 over these is ignored."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.ceil(value / unit * (1 - 1e-9)) * unit:.2g}")

@@ -24,7 +24,7 @@ from cpmkit.runtime.deprecation import warn_renamed
 from cpmkit.types import Floats, Ints
 
 
-def _ability(ability: type, of_members: bool = False) -> cached_property[bool]:
+def _has_ability(ability: type, of_members: bool = False) -> cached_property[bool]:
     """Return a property of a local source: whether its source, or each of its members, has the ``ability``."""
     return cached_property(
         lambda local: all(isinstance(member.source, ability) for member in (local.members if of_members else [local]))
@@ -110,12 +110,12 @@ class LocalSource:
         return all(member.has_tangents if dimension == 1 else member.has_normals for member in members)
 
     #: Whether the source has the ability.
-    has_normals = _ability(HasNormals)
-    has_creases = _ability(HasCreases)
-    has_tangents = _ability(HasTangents)
+    has_normals = _has_ability(HasNormals)
+    has_creases = _has_ability(HasCreases)
+    has_tangents = _has_ability(HasTangents)
     #: Whether the source, or each member of a union, has the ability.
-    has_local_minima = _ability(HasLocalMinima, of_members=True)
-    has_left = _ability(HasLeft, of_members=True)
+    has_local_minima = _has_ability(HasLocalMinima, of_members=True)
+    has_left = _has_ability(HasLeft, of_members=True)
 
     def closest_point(self, x: Floats) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d), both relative to the origin, and count the queries in ``queries``.

@@ -178,13 +178,13 @@ def _links(points: Floats, tangents: Floats, conormals: Floats, reach: float) ->
     fits = within_reach & (dots(conormals[other], conormals[:, None]) >= 0.25)
     fits &= np.minimum(np.abs(ahead), np.abs(dots(chord, tangents[other]))) >= 0.5 * distance
     cost = np.where(fits, 5 * distance**2 - 4 * ahead**2, np.inf)
-    forward, backward = (_cheapest(other, np.where(side, cost, np.inf)) for side in (ahead > 0, ahead <= 0))
+    forward, backward = (_cheapest_entries(other, np.where(side, cost, np.inf)) for side in (ahead > 0, ahead <= 0))
     choices = np.concatenate([np.stack([np.arange(n), number], axis=1)[number >= 0] for number in (forward, backward)])
     pairs, times = np.unique(np.sort(choices, axis=1), axis=0, return_counts=True)
     return np.asarray(pairs[times == 2], dtype=np.int64)
 
 
-def _cheapest(other: Ints, cost: Floats) -> Ints:
+def _cheapest_entries(other: Ints, cost: Floats) -> Ints:
     """Return the entry (n,) of ``other`` (n, k) of least ``cost`` in each row, -1 where all costs are infinite."""
     if not cost.shape[1]:
         return np.full(len(cost), -1)

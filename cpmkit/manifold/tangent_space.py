@@ -48,7 +48,7 @@ def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floa
             return member.normals(member_feet)
         return np.linalg.eigh(jacobian(member, member_feet.points, step))[1][:, :, 0]
 
-    return _by_member(surface, feet, of_member)
+    return _compute_by_member(surface, feet, of_member)
 
 
 def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Floats:
@@ -72,7 +72,7 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
         corner[rows] = values[:, -1] - values[:, -2] < 0.7
         return np.asarray(axes[:, :, -1])
 
-    return _by_member(curve, feet, of_member), corner
+    return _compute_by_member(curve, feet, of_member), corner
 
 
 def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
@@ -93,7 +93,7 @@ def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, 
         components = np.einsum("nij,ni->nj", axes, of_rows) * (values > 0.5)  # 1 along the manifold
         return np.asarray(np.einsum("nij,nj->ni", axes, components))
 
-    return _by_member(surface, feet, of_member)
+    return _compute_by_member(surface, feet, of_member)
 
 
 def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
@@ -115,10 +115,10 @@ def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) ->
         near, far = (unit(project_tangent(member, feet, lean, step)) for feet in inside)
         return unit(2 * near - far)
 
-    return _by_member(surface, edge, of_member)
+    return _compute_by_member(surface, edge, of_member)
 
 
-def _by_member(
+def _compute_by_member(
     surface: LocalSource, feet: ClosestPoints, compute: Callable[[LocalSource, ClosestPoints, Ints], Floats]
 ) -> Floats:
     """Return the vectors (n, d) that ``compute`` returns for the ``feet`` on each member of a union.
@@ -269,6 +269,8 @@ def walk(
     return Walk(feet, strides)
 
 
-def nearest_on_sheet(source: LocalSource, start: ClosestPoints | None, goal: Floats, spacing: float) -> ClosestPoints:
+def nearest_points_on_sheet(
+    source: LocalSource, start: ClosestPoints | None, goal: Floats, spacing: float
+) -> ClosestPoints:
     """Return the points of a source nearest to ``goal`` (n, d); with ``start``, those that a :func:`walk` reaches."""
     return source.closest_point(goal) if start is None else walk(source, goal, start, spacing).feet

@@ -276,7 +276,7 @@ def _triangle_functions() -> tuple[Floats, Floats, Floats]:
     return shares, np.concatenate([corner, middle], axis=1), weights
 
 
-def edge_midpoints_on(surface: ClosestPointSource, mesh: Mesh) -> Floats:
+def project_edge_midpoints(surface: ClosestPointSource, mesh: Mesh) -> Floats:
     """Return the closest points (e, d) on ``surface`` of the middles of a mesh's edges, on its rim for edges there.
 
     A middle stays on the chord where the closest point is too far away for the length of the edge.

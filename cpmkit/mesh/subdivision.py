@@ -40,7 +40,7 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
     """
     assert mesh.midpoints is None
     if mesh.manifold_dim == 1:
-        return split_equally(mesh, length)
+        return split_segments_equally(mesh, length)
     mesh, halves = split_needles(mesh, length)
     longest = float(length) * (1 + SAME_LENGTH_SHARE)
     return halve_long_edges(mesh, lambda mesh: mesh.edge_lengths > longest, halves)
@@ -213,7 +213,7 @@ def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
     return row, np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
 
 
-def split_equally(mesh: Mesh, length: float) -> Mesh:
+def split_segments_equally(mesh: Mesh, length: float) -> Mesh:
     """Return the mesh of segments split into the least number of equal parts not longer than ``length``."""
     ends = mesh.vertices[mesh.cells]
     parts = np.maximum(np.ceil(norms(ends[:, 1] - ends[:, 0]) / length), 1).astype(np.int64)

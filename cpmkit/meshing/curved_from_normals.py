@@ -30,7 +30,7 @@ from cpmkit.meshing.curved_from_points import (
     curve_cells_by_closest_points,
     extreme_edge_lengths,
 )
-from cpmkit.meshing.mesh_cache import MeshCache, in_scene_coordinates, mesh_cache_of
+from cpmkit.meshing.mesh_cache import MeshCache, mesh_cache_of, untranslated_source
 from cpmkit.meshing.untangling import untangle_midpoints
 from cpmkit.types import Bools, Floats, Ints
 
@@ -65,8 +65,8 @@ class SmoothNormals:
         return SmoothNormals(np.concatenate([self.across, others.across]), np.concatenate([self.flat, others.flat]))
 
 
-def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
-    """Return triangles with edges halved at points of the smooth surface until none is longer than ``length``.
+def refine_smooth_triangles(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
+    """Return flat triangles with edges halved at points of the smooth surface until none is longer than ``length``.
 
     ``mesh``: the flat triangles of a mesh. ``source``: the same mesh, with normals.
     ``length``: longest edge, in the unit of the vertices.
@@ -85,9 +85,8 @@ def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
 def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return quadratic triangles with nodes on the smooth surface, those of facets on boundaries on the boundaries.
 
-    ``mesh``: triangles of :func:`refine_smooth`, subdivided, with the boundaries inserted. ``source``: the manifold.
-    ``boundaries``: the boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its
-        vertices.
+    ``mesh``: triangles of :func:`refine_smooth_triangles`, subdivided, with the boundaries inserted.
+    ``source``: the manifold. ``boundaries``: as in :func:`curve_cells`.
     """
     cache, edges = mesh_cache_of(source), mesh.edges
     if cache is not None and cache.has_cells_of(mesh) and not boundaries:
@@ -119,12 +118,12 @@ def smooth_vertex_normals(source: LocalSource, mesh: Mesh) -> SmoothNormals:
     cache = mesh_cache_of(source)
     if cache is None:
         return smooth_normals(source, mesh.vertices)
-    normals = cache.value("normals", lambda: smooth_normals(in_scene_coordinates(source), cache.mesh.vertices))
+    normals = cache.value("normals", lambda: smooth_normals(untranslated_source(source), cache.mesh.vertices))
     return normals if cache.has_cells_of(mesh) else _extend_normals(source, mesh, cache, normals)
 
 
 def smooth_normals(source: LocalSource, points: Floats) -> SmoothNormals:
-    """Return ``source.normals`` at the feet of ``points`` (n, d); beside creases those of the flat triangles."""
+    """Return the normals that ``source`` has at the feet of ``points`` (n, d); of flat triangles beside creases."""
     feet = source.closest_point(np.ascontiguousarray(points))
     across = source.normals(feet)
     if not source.has_creases:
@@ -139,12 +138,11 @@ def smooth_midpoints(
 ) -> tuple[Floats, SmoothNormals]:
     """Return points (e, d) of the smooth surface above the middles of edges, and the normals there.
 
-    Edges of flat triangles, and edges too steep to be smooth, keep their middles. The normals are the means of those at
-    the ends; beside creases they are the source's normals at the middles.
+    Edges of flat triangles, and edges with a point above ``CREASED_EDGE_SHARE`` of their length, keep their middles.
+    The normals are the means of those at the ends; beside creases they are the source's normals at the middles.
 
     ``vertices`` (v, d), ``ends`` (e, 2): positions of vertices, and the two vertices of each edge.
-    ``normals``: normals at the vertices.
-    ``share`` (e,): share of its height that each edge keeps.
+    ``normals``: normals at the vertices. ``share`` (e,): share of its height that each edge keeps.
     """
     across, flat = unit(normals.across[ends].sum(axis=1)), np.asarray(normals.flat[ends].any(axis=1))
     if flat.any():
@@ -159,7 +157,7 @@ def smooth_midpoints(
 
 
 def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> EdgeSupport:
-    """Return the support of the edges of a mesh of triangles, from ``normals`` at its vertices."""
+    """Return how well the surface beyond the ends of each edge of triangles supports its bend, from vertex normals."""
     return edge_support(mesh.vertices, mesh.edges.ends, normals.across[mesh.edges.ends], normals.flat)
 
 
@@ -178,7 +176,7 @@ def own_edge_support(source: LocalSource) -> EdgeSupport | None:
 def fit_vertices_to_normals(mesh: Mesh, rows: Ints, normals: Floats) -> Mesh:
     """Return the mesh with the vertices ``rows`` (k,) moved from the flat triangles onto the smooth surface.
 
-    Each vertex is moved along its normal, from ``normals`` (v, d), in three rounds, so that its edges become in the
+    Each vertex is moved along its unit normal, in ``normals`` (v, d), in three rounds, so that its edges become in the
     mean perpendicular to the means of the normals at their ends: on a sphere the vertices then lie on the sphere.
     """
     chosen = np.zeros(len(mesh.vertices), dtype=bool)
@@ -210,7 +208,7 @@ def _extend_normals(source: LocalSource, mesh: Mesh, cache: MeshCache, normals: 
         is_new[:count] = np.abs(in_scene[:count] - cache.mesh.vertices).max(axis=1) > rounding
     across, flat = np.empty_like(in_scene), np.zeros(len(in_scene), dtype=bool)
     across[:count], flat[:count] = normals.across[: len(across)], normals.flat[: len(flat)]
-    further = smooth_normals(in_scene_coordinates(source), in_scene[is_new])
+    further = smooth_normals(untranslated_source(source), in_scene[is_new])
     across[is_new], flat[is_new] = further.across, further.flat
     return SmoothNormals(across, flat)
 
@@ -224,7 +222,7 @@ def _cached_heights(source: LocalSource, cache: MeshCache) -> Floats:
         middles = 0.5 * (mesh.vertices[mesh.edges.ends[:, 0]] + mesh.vertices[mesh.edges.ends[:, 1]])
         normals = smooth_vertex_normals(source, mesh)
         share = _height_shares(source, mesh, normals)
-        points, _ = smooth_midpoints(in_scene_coordinates(source), mesh.vertices, mesh.edges.ends, normals, share)
+        points, _ = smooth_midpoints(untranslated_source(source), mesh.vertices, mesh.edges.ends, normals, share)
         return points - middles
 
     return cache.value("heights", heights)
@@ -259,8 +257,8 @@ def _is_supported_union(source: LocalSource) -> bool:
 def _move_onto_boundaries(mesh: Mesh, normals: SmoothNormals, boundaries: Sequence[LocalSource | None]) -> Mesh:
     """Return the mesh with boundary vertices moved along the surface to their boundaries, then back onto the surface.
 
-    Vertices far from their boundary stay. Vertices on creases, and their neighbours, stay on the triangles, because no
-    normal is that of both sides. ``normals`` are those at the vertices.
+    Vertices farther from it than ``ONTO_BOUNDARY_EDGE_SHARE`` stay. Vertices on creases, and their neighbours, stay on
+    the triangles, because no normal is that of both sides. ``normals`` are those at the vertices.
     """
     vertices, on_cut = mesh.vertices.copy(), np.unique(mesh.cut)
     reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edge_lengths(mesh, on_cut, np.minimum, np.inf)

@@ -101,7 +101,7 @@ def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache |
     return cache
 
 
-def in_scene_coordinates(source: LocalSource) -> LocalSource:
+def untranslated_source(source: LocalSource) -> LocalSource:
     """Return the source in the scene's coordinates; its queries are counted together with those of ``source``."""
     assert source.of is not None
     return LocalSource(source.of, np.zeros(source.dim), source.queries)

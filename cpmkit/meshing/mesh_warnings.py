@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.grid.lattice import rounded_up
+from cpmkit.grid.lattice import round_up
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.adjacency import RepairReport
 from cpmkit.mesh.mesh import CellGeometry
@@ -85,7 +85,7 @@ def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
         yield (
             f"Closest points of this source are uncertain by about {source.noise:.2g}: points of one normal have other "
             f"feet. That leaves an error of about {NOISE_FACTOR * source.noise / spacing:.1g} of the range of u, and "
-            f"more at smaller spacings; take none below {rounded_up(200.0 * source.noise):g}, or {EXACTER}."
+            f"more at smaller spacings; take none below {round_up(200.0 * source.noise):g}, or {EXACTER}."
         )
 
 

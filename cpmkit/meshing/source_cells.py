@@ -12,8 +12,8 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.adjacency import box_size, repair, rim_of_edges
 from cpmkit.mesh.mesh import CellGeometry, Mesh
-from cpmkit.meshing.curved_from_normals import refine_smooth
-from cpmkit.meshing.mesh_cache import in_scene_coordinates, mesh_cache_of, repair_source_mesh
+from cpmkit.meshing.curved_from_normals import refine_smooth_triangles
+from cpmkit.meshing.mesh_cache import mesh_cache_of, repair_source_mesh, untranslated_source
 
 #: A mesh with more triangles than this on a square of its edge length costs more samples than it is worth: equal
 #: sides make 2.3, parameters of a sphere 3, of a Klein bottle 5, marching tetrahedra 8 and more.
@@ -54,27 +54,27 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
         return None
     cache = mesh_cache_of(source, mesh.cells)
     if cache is None:
-        height = _height(source, mesh)
+        height = _largest_centre_distance(source, mesh)
     else:
-        height = cache.value("height", lambda: _height(in_scene_coordinates(source), cache.original))
+        height = cache.value("height", lambda: _largest_centre_distance(untranslated_source(source), cache.original))
     if height <= 1e-9 * box_size(mesh.vertices):
         if source.source.exact or m == 1 or not source.has_normals:
             return SourceCells(mesh, "flat")
-        smooth = refine_smooth(repair_source_mesh(source, mesh)[0], source, length)
+        smooth = refine_smooth_triangles(repair_source_mesh(source, mesh)[0], source, length)
         return SourceCells(smooth, "normals", split=True)
     shortest = length if shortest is None else shortest
     if height <= 0.06 * length or length == shortest:
         mesh = repair(mesh)[0]
-        if is_suitable(source, mesh, length):
+        if suits_quadrature(source, mesh, length):
             return SourceCells(mesh, "closest_point")
     finer = _own_mesh(source, shortest) if length > shortest else None
     if finer is None:
         return None
     finer = repair(finer)[0]
-    return SourceCells(finer, "closest_point") if is_suitable(source, finer, shortest) else None
+    return SourceCells(finer, "closest_point") if suits_quadrature(source, finer, shortest) else None
 
 
-def is_suitable(source: LocalSource, mesh: Mesh, length: float) -> bool:
+def suits_quadrature(source: LocalSource, mesh: Mesh, length: float) -> bool:
     """Return whether a mesh suits quadrature: it ends on rims alone, has few blunt triangles, and not too many.
 
     Triangles that do not share edges end inside the manifold; triangles with an angle near 180 degrees turn over when
@@ -108,7 +108,7 @@ def _own_mesh(source: LocalSource, length: float) -> Mesh | None:
     return Mesh.of(np.ascontiguousarray(vertices - source.shift), np.ascontiguousarray(cells, dtype=np.int64))
 
 
-def _height(source: LocalSource, mesh: Mesh) -> float:
+def _largest_centre_distance(source: LocalSource, mesh: Mesh) -> float:
     """Return the largest distance of sampled centres of cells from the manifold: zero for a faceted mesh.
 
     No query, and so no search tree, is needed where the source has exact closest points, values at its vertices, and

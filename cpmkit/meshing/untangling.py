@@ -79,7 +79,7 @@ def untangle_midpoints(
         return midpoints
     is_on_boundary = np.zeros(len(midpoints), dtype=bool)
     is_on_boundary[on_boundary] = True
-    moved = _move_with_boundary(mesh, is_on_boundary, folded, midpoints, free, project)
+    moved = _move_midpoints_with_boundary(mesh, is_on_boundary, folded, midpoints, free, project)
     for _ in range(UNTANGLING_ROUNDS):
         edges = mesh.edges.of_cells[_folded_triangles(mesh, moved, source)].ravel()
         if not len(edges):
@@ -141,7 +141,7 @@ def _folded_triangles(mesh: Mesh, midpoints: Floats, source: LocalSource) -> Int
     return rows[is_folded(x, middles)]
 
 
-def _move_with_boundary(
+def _move_midpoints_with_boundary(
     mesh: Mesh,
     is_on_boundary: Bools,
     folded: Ints,
@@ -184,7 +184,7 @@ def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> t
         pairs, corners = _double_edges(mesh, before, moved)
         if not len(pairs):
             break
-        mesh = _replace_pairs(mesh, pairs, corners)
+        mesh = _replace_facet_pairs(mesh, pairs, corners)
         released.append(corners[:, 0])
     return mesh, np.concatenate(released)
 
@@ -223,7 +223,7 @@ def _starts_at_common_corner(mesh: Mesh, pairs: Ints, corners: Ints) -> Ints:
     return np.asarray(mesh.cut[pairs][:, :, 0] == corners[:, :1], dtype=np.int64)
 
 
-def _replace_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
+def _replace_facet_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
     """Return the mesh with the third edge of triangles as facet in place of two, the rows ``pairs`` (k, 2) of its cut.
 
     ``corners`` (k, 3) are the triangles' corners, the common corner of both facets first.
@@ -267,7 +267,7 @@ def flip_third_edges(mesh: Mesh, thin: Ints, lead: Ints) -> Mesh:
     # A line continues through a vertex where the cosine of the angle between its edges there is below -.8.
     straight = dots(sides[:, 0], sides[:, 1]) < -0.8 * norms(sides[:, 0]) * norms(sides[:, 1])
     thin, cells, chords = thin[straight], cells[straight], chords[straight]
-    neighbour, corner = _triangles_across(edges, thin, chords)
+    neighbour, corner = _opposite_triangles(edges, thin, chords)
     thin, cells, neighbour, corner = (array[neighbour >= 0] for array in (thin, cells, neighbour, corner))
     across, _ = _rotate_corners(mesh.cells, edges, neighbour, corner)
     differ = across[:, 1] == cells[:, 1]  # the new triangles are oriented like the second one
@@ -293,7 +293,7 @@ def _rotate_corners(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[
     return np.take_along_axis(cells[rows], around, 1), edges.of_cells[rows, lead]
 
 
-def _triangles_across(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
+def _opposite_triangles(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
     """Return the second triangle (k,) at each edge ``shared`` (k,) of triangles ``rows`` (k,), and its corner (k,).
 
     The corner, 0 to 2, is opposite to the edge. The triangle is -1 where the edge has not exactly two triangles.

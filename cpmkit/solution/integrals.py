@@ -19,7 +19,7 @@ from cpmkit.manifold.local_source import localize
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.adjacency import rim_of_edges, rim_of_vertices
-from cpmkit.mesh.cell_quadrature import OUTWARD_EDGE_SHARE, edge_midpoints_on, limit_midpoint_shift, quadratic_rule
+from cpmkit.mesh.cell_quadrature import OUTWARD_EDGE_SHARE, limit_midpoint_shift, project_edge_midpoints, quadratic_rule
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions, mesh_method, refine_mixed_cells, with_corners
 from cpmkit.scene.boundary import boundary_number
@@ -97,7 +97,7 @@ def _cells_to_integrate(solution: SolutionRecord, dim: int) -> tuple[Mesh, Float
     flat = Mesh.of(points, corners)
     a, b = flat.edges.ends.T
     shared = np.where(sides[a] == sides[b], sides[a], 0)
-    middles = edge_midpoints_on(scene.surface, flat)
+    middles = project_edge_midpoints(scene.surface, flat)
     on_boundary = np.flatnonzero(shared.any(axis=1))
     straight = 0.5 * (points[a] + points[b])[on_boundary]
     moved = scene.surface.closest_point(project_onto_boundaries(scene, straight, shared[on_boundary])).points
@@ -131,7 +131,7 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
     cells = with_corners(cells, dim + 1)
     flat = Mesh.of(points, cells)
     nodes = surface.closest_point(source.closest_point(points).points).points
-    middles = surface.closest_point(edge_midpoints_on(source, flat)).points
+    middles = surface.closest_point(project_edge_midpoints(source, flat)).points
     rule_points, _, weights, _ = quadratic_rule(Mesh.of(nodes, cells, middles[flat.edges.of_cells]))
     on_source = source.closest_point(rule_points.reshape(-1, rule_points.shape[2])).points
     return surface.closest_point(on_source).points, weights.ravel()
@@ -196,7 +196,7 @@ def _rim_of_triangles(
     number.
     """
     flat = Mesh.of(points, cells)
-    rim, middles = rim_of_edges(flat), edge_midpoints_on(surface, flat)
+    rim, middles = rim_of_edges(flat), project_edge_midpoints(surface, flat)
     at, _, weights, _ = quadratic_rule(Mesh.of(points, flat.edges.ends[rim.rows], middles[rim.rows][:, None]))
     outward = np.repeat(unit(rim.outward), at.shape[1], axis=0)
     beyond = at.reshape(-1, points.shape[1]) + min(BEYOND_RIM_SPACINGS, OUTWARD_EDGE_SHARE) * spacing * outward

@@ -16,7 +16,7 @@ from cpmkit.grid.lattice import (
     check_numbered,
     check_spacing_fits,
     lattice_of,
-    rounded_up,
+    round_up,
     unknowns_at_unit_spacing,
 )
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
@@ -150,4 +150,4 @@ class SolveMemory:
         """Return the smallest spacing, rounded up to two digits, at which a solve fits into ``available`` bytes."""
         room, m = (1 - SPARE_MEMORY_SHARE) * max(available, 1), self.surface.largest_dim
         unknowns = fitting_unknowns(room, lambda count: self.peak_bytes(count, solver))
-        return rounded_up(self.options.spacing * (self.expected_unknowns() / unknowns) ** (1 / m))
+        return round_up(self.options.spacing * (self.expected_unknowns() / unknowns) ** (1 / m))

@@ -45,7 +45,7 @@ def contour_curve(source: LocalSource, spacing: float) -> tuple[Mesh, TraceDefec
     """
     best = None
     for step, shift in LATTICES:
-        attempt = _trace_on(source, spacing, max(step * spacing, 60.0 * source.noise), shift)
+        attempt = _trace_from_cells(source, spacing, max(step * spacing, 60.0 * source.noise), shift)
         if attempt is None and best is None:
             raise ResolutionError(
                 f"spacing={spacing:g} is too coarse for the curve: it lies in one cell of the lattice; use a smaller "
@@ -60,7 +60,9 @@ def contour_curve(source: LocalSource, spacing: float) -> tuple[Mesh, TraceDefec
     return Mesh.of(graph.vertices, graph.segments), defects
 
 
-def _trace_on(source: LocalSource, spacing: float, step: float, shift: float) -> tuple[CurveGraph, TraceDefects] | None:
+def _trace_from_cells(
+    source: LocalSource, spacing: float, step: float, shift: float
+) -> tuple[CurveGraph, TraceDefects] | None:
     """Return the graph of a curve traced by ``step`` from cells of this ``shift``, and its defects; None if empty."""
     for _, level in cell_levels(source, spacing, shift):
         cells = level

@@ -55,7 +55,7 @@ class ConstrainedTriangulation:
     def insert_point(self, root: int, place: Vector) -> int:
         """Return the vertex at a point ``place`` of the original triangle ``root``, a new vertex unless one is near."""
         net = self.triangulation
-        cell = self._part_with(root, place)
+        cell = self._containing_part(root, place)
         size = float(net.sizes[root])
         farthest = max(SNAP_SHARE, MOVABLE_SNAP_SHARE, RIM_SNAP_SHARE) * size
         for a, b in self._candidate_edges(root, cell):
@@ -68,7 +68,7 @@ class ConstrainedTriangulation:
                     return self.insert_on_edge(a, b, share, size)
         return net.split_cell(cell, place)
 
-    def _part_with(self, root: int, place: Vector) -> int:
+    def _containing_part(self, root: int, place: Vector) -> int:
         """Return the part of the original triangle ``root`` that contains the point ``place``."""
         parts = self.triangulation.parts(root)
         return parts[0] if len(parts) == 1 else max(parts, key=lambda part: self._depth(part, place))
@@ -89,7 +89,7 @@ class ConstrainedTriangulation:
         """
         net, size = self.triangulation, self.triangulation.sizes[root]
         gaps = {}
-        for a, b in self.edges_within([self._part_with(root, place)], place, 0.1 * size):
+        for a, b in self.edges_within([self._containing_part(root, place)], place, 0.1 * size):
             edge = self.edges.get(edge_key(a, b))
             if edge is not None and edge.owner == owner:
                 share = nearest_share_on_segment(place, net.position(a), net.position(b))

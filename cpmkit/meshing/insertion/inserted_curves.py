@@ -102,7 +102,7 @@ def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPo
     return places, np.stack([np.full(len(inner), number), inner], axis=1)
 
 
-def runs_on_surface(
+def parts_on_surface(
     triangulation: SplitTriangulation, search: TriangleSearch, points: Floats, matched: Projections, closed: bool
 ) -> list[tuple[Projections, bool]]:
     """Return the parts of a curve that lie on the surface, cut off where they pass its rim.
@@ -113,7 +113,7 @@ def runs_on_surface(
     ``search``: search over the roots. ``matched``: one projection of each point.
     ``points`` (n, 3): points of the curve; ``closed``: whether it is closed.
     """
-    off = _past_rim(_rim_offsets(triangulation, points, matched), closed)
+    off = _are_past_rim(_rim_offsets(triangulation, points, matched), closed)
     if not off.any():
         return [(matched, closed)]
     if closed:
@@ -150,7 +150,7 @@ def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections:
     return past
 
 
-def _past_rim(offsets: Floats, closed: bool) -> Bools:
+def _are_past_rim(offsets: Floats, closed: bool) -> Bools:
     """Return which points (n,) lie past a rim, given their ``offsets`` (n,) from :func:`_rim_offsets`.
 
     A stretch within .15 local edge lengths of the rim between two points on it, or a whole curve that close to a rim,
@@ -191,7 +191,7 @@ def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[st
     """
     net, farthest = finder.triangulation, 0.0
     matched = match_to_surface(net, line.points, finder.search.candidates(line.points))
-    for run, closed in runs_on_surface(net, finder.search, line.points, matched, line.closed):
+    for run, closed in parts_on_surface(net, finder.search, line.points, matched, line.closed):
         waypoints = _insert_waypoints(finder, run, closed, line)
         # Projections go back between some vertices while the curve, off the surface there, continues.
         known = (run.point[1:] >= 0) & (run.point[:-1] >= 0)

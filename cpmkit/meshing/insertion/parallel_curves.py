@@ -38,7 +38,7 @@ def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[Lo
     share = np.arange(SEGMENT_POINTS)[:, None] / SEGMENT_POINTS
     between = (points[:-1, None] + share * np.diff(points, axis=0)[:, None]).reshape(-1, points.shape[1])
     places: Floats | None = None  # on the curve itself: a chord may cross what lies beside its arc
-    for number in _with_boxes_near(points, earlier, spacing):
+    for number in _near_boundary_numbers(points, earlier, spacing):
         if places is None:
             places = curve.closest_point(np.concatenate([between, points[-1:]])).points
         off = places - earlier[number].closest_point(places).points
@@ -73,7 +73,7 @@ def _rotate(vectors: Floats, start: Floats, end: Floats) -> Floats:
 
 def is_close_to_others(points: Floats, others: Sequence[LocalSource], spacing: float) -> bool:
     """Return whether several ``points`` (n, d) of a curve lie very near to another boundary, but not on it."""
-    for number in _with_boxes_near(points, others, spacing):
+    for number in _near_boundary_numbers(points, others, spacing):
         off = points - others[number].closest_point(points).points
         if _are_close(off, spacing).sum() > 1:
             return True
@@ -86,7 +86,7 @@ def _are_close(off: Floats, spacing: float) -> Bools:
     return np.asarray((distance > SAME_SHARE * spacing) & (distance < 0.05 * spacing))
 
 
-def _with_boxes_near(points: Floats, others: Sequence[LocalSource], spacing: float) -> Iterable[int]:
+def _near_boundary_numbers(points: Floats, others: Sequence[LocalSource], spacing: float) -> Iterable[int]:
     """Yield the numbers of ``others`` whose bounds are within a spacing of the box of ``points`` (n, d)."""
     low, high = points.min(axis=0) - spacing, points.max(axis=0) + spacing
     for number, other in enumerate(others):
@@ -143,7 +143,7 @@ class SimplifiedCurve:
             places[row] = segment + share[segment]
         return places
 
-    def with_points(self, points: Floats, dropped: Bools, partners: Ints, least: float) -> SimplifiedCurve:
+    def replace_points(self, points: Floats, dropped: Bools, partners: Ints, least: float) -> SimplifiedCurve:
         """Return the curve without the points ``dropped`` and with ``points`` inserted in order along the polyline.
 
         ``points`` (k, 3): new points on the curve, in its direction. ``dropped`` (n,): which points are left out.
@@ -207,7 +207,7 @@ def _add_fixed_points(early: SimplifiedCurve, late: SimplifiedCurve, spacing: fl
     if not len(projected):
         return early
     no_partners = np.full((len(projected), 2), -1)
-    return early.with_points(
+    return early.replace_points(
         projected, np.zeros(len(early.points), dtype=bool), no_partners, LEAST_STEP_SHARE * spacing
     )
 
@@ -239,7 +239,7 @@ def _align_with_earlier(late: SimplifiedCurve, early: SimplifiedCurve, number: i
     if np.sign(np.diff(places[rows])).sum() < 0:  # it has the opposite direction
         rows = rows[::-1]
     partners = np.stack([np.full(len(rows), number), rows], axis=1)
-    return late.with_points(projected[rows], dropped & ~late.fixed, partners, LEAST_STEP_SHARE * spacing)
+    return late.replace_points(projected[rows], dropped & ~late.fixed, partners, LEAST_STEP_SHARE * spacing)
 
 
 def _stretches(close: Bools, closed: bool) -> Iterator[Ints]:

@@ -203,8 +203,8 @@ class SplitTriangulation:
         self.midvertices[edge_key(a, b)] = new
         for cell in self.cells_of_edge(a, b):
             corners = self.corners(cell)
-            far = self._new_cell(cell, _replace(corners, a, new))
-            self._corners[cell] = _replace(corners, b, new)
+            far = self._new_cell(cell, _replace_corner(corners, a, new))
+            self._corners[cell] = _replace_corner(corners, b, new)
             fan = self.fan(b)
             fan[fan.index(cell)] = far
             self.fan(sum(corners) - a - b).append(far)
@@ -310,7 +310,7 @@ class SplitTriangulation:
         return path[::-1]
 
 
-def _replace(corners: tuple[int, int, int], old: int, new: int) -> tuple[int, int, int]:
+def _replace_corner(corners: tuple[int, int, int], old: int, new: int) -> tuple[int, int, int]:
     """Return the ``corners`` with vertex ``new`` in place of ``old``."""
     a, b, c = corners
     return new if a == old else a, new if b == old else b, new if c == old else c

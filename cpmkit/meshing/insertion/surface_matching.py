@@ -90,7 +90,7 @@ class TriangleSearch:
         L is the local edge length, see ``sizes``.
         """
         size, reach = self._nearest_centroid(points)
-        point, cell = self._pairs_within(points, size + reach)
+        point, cell = self._near_pairs(points, size + reach)
         shares = nearest_barycentric(points[point], self.mesh.vertices[self.mesh.cells[cell]])
         away = norms(points[point] - np.einsum("nk,nkd->nd", shares, self.mesh.vertices[self.mesh.cells[cell]]))
         order = np.lexsort((cell, away, point))
@@ -105,7 +105,7 @@ class TriangleSearch:
         projections = self.candidates(points)
         return projections.take(np.flatnonzero(np.diff(projections.point, prepend=-1)))
 
-    def _pairs_within(self, points: Floats, reach: Floats) -> tuple[Ints, Ints]:
+    def _near_pairs(self, points: Floats, reach: Floats) -> tuple[Ints, Ints]:
         """Return the points (p,) and the triangles (p,) of all pairs that may be within the point's ``reach`` (n,)."""
         rows, cells = [], []
         for radius, members, tree in self._size_classes:
@@ -154,7 +154,7 @@ def nearest_barycentric(points: Floats, corners: Floats) -> Floats:
     return np.select(conditions, [np.stack(shares, axis=1) for _, shares in cases], inside)
 
 
-def position_on(triangulation: SplitTriangulation, root: int, shares: Floats) -> Vector:
+def barycentric_position(triangulation: SplitTriangulation, root: int, shares: Floats) -> Vector:
     """Return the position of the point with barycentric coordinates ``shares`` (3,) in original triangle ``root``."""
     x, y, z = (shares @ triangulation.original.vertices[triangulation.original.cells[root]]).tolist()
     return x, y, z
@@ -213,10 +213,10 @@ def _step_costs(
     size = float(triangulation.sizes[candidates.cell[row]])
     chord = float(np.linalg.norm(points[candidates.point[far[0]]] - points[candidates.point[row]]))
     free, most = 1.5 * (chord + size), 6.0 * size
-    here = position_on(triangulation, int(candidates.cell[row]), candidates.shares[row])
+    here = barycentric_position(triangulation, int(candidates.cell[row]), candidates.shares[row])
     lengths = triangulation.shortest_paths({v: distance(here, triangulation.position(v)) for v in corners}, free + most)
     for b in far:
-        place = position_on(triangulation, int(candidates.cell[b]), candidates.shares[b])
+        place = barycentric_position(triangulation, int(candidates.cell[b]), candidates.shares[b])
         cell = triangulation.original.cells[candidates.cell[b]].tolist()
         length = min(lengths.get(v, (np.inf, v))[0] + distance(place, triangulation.position(v)) for v in cell)
         costs[b] = min(max(0.0, length - free), most)

@@ -23,7 +23,7 @@ from cpmkit.meshing.insertion.split_triangulation import (
     normalize,
     subtract,
 )
-from cpmkit.meshing.insertion.surface_matching import TriangleSearch, position_on
+from cpmkit.meshing.insertion.surface_matching import TriangleSearch, barycentric_position
 
 
 class FanExit(NamedTuple):
@@ -95,7 +95,7 @@ class PathFinder:
         """Return the vertex at the projection of ``place`` onto the surface, a new vertex unless one is near."""
         nearest = self.search.nearest(np.array([place]))
         root = int(nearest.cell[0])
-        return self.constrained.insert_point(root, position_on(self.triangulation, root, nearest.shares[0]))
+        return self.constrained.insert_point(root, barycentric_position(self.triangulation, root, nearest.shares[0]))
 
     def _planar_path(self, v: int, w: int, normal: Vector) -> list[int] | None:
         """Return the path from v to w in planes of ``normal`` and the direction to w; None if too long or cut off."""
@@ -206,14 +206,14 @@ def erase_short_loops(triangulation: SplitTriangulation, path: list[int], backwa
     ``backward``: the vertices between which projections go back while the curve continues: it lies off the surface
         there.
     """
-    path = _without_loops(triangulation, path, backward)
+    path = _erase_inner_loops(triangulation, path, backward)
     if len(path) > 2 and path[0] == path[-1]:
         half = len(path) // 2  # loops through the start of a closed path lie inside it when it starts elsewhere
-        path = _without_loops(triangulation, path[half:] + path[1 : half + 1], backward)
+        path = _erase_inner_loops(triangulation, path[half:] + path[1 : half + 1], backward)
     return path
 
 
-def _without_loops(triangulation: SplitTriangulation, path: list[int], backward: set[int]) -> list[int]:
+def _erase_inner_loops(triangulation: SplitTriangulation, path: list[int], backward: set[int]) -> list[int]:
     """Return a path without its short loops (:func:`erase_short_loops`); a loop through its start stays."""
     simple, lengths = path[:1], [0.0]
     place = {path[0]: 0}

@@ -12,7 +12,7 @@ from cpmkit.forms.collocation.row_formula import ExtraPoint, RowFormula, extrapo
 from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.tangent_space import nearest_on_sheet
+from cpmkit.manifold.tangent_space import nearest_points_on_sheet
 from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.laws import Law, Mixed, OneSided, Value, beta_at
 from cpmkit.types import Bools, Floats, Ints
@@ -133,7 +133,7 @@ class GhostGeometry:
         """The g mirror points, at which ghosts of order 2 read u."""
         # King et al. (2024), eq. 15, has cp_S(2 y - x); here it is cp_S(2 y - z), or farther behind y.
         goal = self.seen.foot + self._ahead[:, None] * self.direction
-        return nearest_on_sheet(self.boundary.surface, self.start, goal, self.spacing)
+        return nearest_points_on_sheet(self.boundary.surface, self.start, goal, self.spacing)
 
     @cached_property
     def is_hidden(self) -> Bools:
@@ -248,7 +248,7 @@ def points_inside(
     """
     points, complete = [], np.ones(len(foot), dtype=bool)
     for k in (1, 2):
-        on = nearest_on_sheet(boundary.surface, start, foot + k * step * direction, boundary.spacing)
+        on = nearest_points_on_sheet(boundary.surface, start, foot + k * step * direction, boundary.spacing)
         complete &= (np.linalg.norm(on.points - foot, axis=1) > LEAST_INSIDE_SHARE * k * step) & (on.edge < 0)
         points.append(on)
     return points, complete

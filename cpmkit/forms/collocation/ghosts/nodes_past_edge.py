@@ -35,7 +35,7 @@ from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.tangent_space import nearest_on_sheet, outward_conormals, unit_normals
+from cpmkit.manifold.tangent_space import nearest_points_on_sheet, outward_conormals, unit_normals
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.scene.edge_conditions import EdgeConditions, conditions_of_edge, edge_condition
 from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at
@@ -184,7 +184,7 @@ def _mirror(
         if not len(mirrored):
             return feet
         start = None if band.sheets is None else feet.take(mirrored)
-        return feet.replace_rows(mirrored, nearest_on_sheet(surface, start, goal[mirrored], band.spacing))
+        return feet.replace_rows(mirrored, nearest_points_on_sheet(surface, start, goal[mirrored], band.spacing))
 
     laws = [condition.one_sided for condition in conditions_of_edge(edge)]
     has_flux = any(isinstance(other, Flux | Mixed) and not other.is_zero_flux for other in laws)
