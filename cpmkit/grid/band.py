@@ -197,8 +197,8 @@ class Band:
 def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
     """Return the indices (c, d) of the interpolation cells that contain points of the manifold, and a few beside them.
 
-    ``spacing`` is that of the lattice, ``degree`` that of the interpolation. Raises ResolutionError if the cells cannot
-    be numbered, or as soon as an estimate shows that their band does not fit into memory.
+    Cells are those of :func:`stencil_cells` with the same ``spacing`` and ``degree``. Raises ResolutionError if they
+    cannot be numbered, or as soon as an estimate shows that their band does not fit into memory.
     """
     manifold_dim = source.largest_dim
     for side, blocks in cell_levels(source, spacing, base_offset(degree)):

@@ -131,7 +131,7 @@ class Codes:
         return np.stack(np.unravel_index(codes, tuple(self.shape)), axis=1).astype(np.int64) + self.lower
 
     def dilate(self, codes: Ints, axis: int, offsets: range) -> Ints:
-        """Return the sorted codes (m,) of points ``offsets`` along ``axis`` from those of ``codes``, in the box."""
+        """Return the sorted codes (m,) of points at ``offsets`` along ``axis`` from ``codes``; all lie in the box."""
         shifted = codes[:, None] + self.strides[axis] * np.array(offsets, dtype=np.int64)
         return np.unique(shifted)
 
@@ -160,14 +160,8 @@ def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> 
     the source's bounds cannot be numbered (:func:`check_numbered`).
     Differs from King et al. (2024), section 5.1, Algorithm 1, which searches from one node and finds one component.
 
-    Parameters
-    ----------
-    source : LocalSource
-        The manifold.
-    spacing : float
-        Side of a cell.
-    offset : float or (d,) float64
-        Cell k extends from (k - offset) to (k + 1 - offset) spacings along each axis.
+    ``spacing``: side of a cell.
+    ``offset``, float or (d,): cell k extends from (k - offset) to (k + 1 - offset) spacings along each axis.
     """
     check_numbered(source.bounds, spacing)
     cells = np.floor(source.bounds / spacing + offset).astype(np.int64)  # the first and the last along each axis
@@ -216,11 +210,8 @@ def nodes_of_blocks(blocks: int, side: int, dim: int, manifold_dim: int, degree:
     """Return an estimate of the number of inner nodes of the band of a manifold that meets this many blocks.
 
     A block of an m-dimensional manifold contains about side^m cells that meet it, each with about 0.9 (p + 1)^(d - m)
-    nodes (measured on circle and sphere).
-
-    ``blocks``, ``side``: number of blocks, and their side in cells.
-    ``dim``, ``manifold_dim``: d and m.
-    ``degree``: p, of the interpolation.
+    nodes (measured on circle and sphere). ``side`` is that of a block in cells; ``dim`` is d, ``manifold_dim`` m, and
+    ``degree`` p, of the interpolation.
     """
     return float(blocks * float(side) ** manifold_dim * 0.9 * (degree + 1) ** (dim - manifold_dim))
 
@@ -239,7 +230,10 @@ def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
 
 
 def suggest_spacing(surface: ClosestPointSource) -> float:
-    """Return a spacing, rounded to two digits, at which about :data:`SUGGESTED_CELLS` cells meet the surface."""
+    """Return a spacing, rounded to two digits, at which about :data:`SUGGESTED_CELLS` cells meet the surface.
+
+    Raises ResolutionError or InputError for bounds that :func:`check_numbered` refuses.
+    """
     source = localize(surface, np.zeros(surface.dim))
     bounds, manifold_dim = source.bounds, source.largest_dim
     size = float((bounds[1] - bounds[0]).max()) or 1.0

@@ -18,7 +18,7 @@ def jacobian(source: LocalSource, points: Floats, step: float) -> Floats:
     """Return the symmetrised Jacobian (n, d, d) of the closest point map at ``points``, by central differences.
 
     At ``points`` (n, d) of the manifold it is the projection on the tangent space (Maerz and Macdonald 2012). The
-    differences are of closest points to queries shifted by ``step``.
+    differences are of closest points to queries shifted by the length ``step``.
     King et al. (2024), section 4.7, interpolates it from the nodes; here it is evaluated at the feet themselves.
     """
     ahead, behind = np.split(_feet_around(source, points, step), 2, axis=1)
@@ -39,7 +39,7 @@ def _feet_around(source: LocalSource, points: Floats, step: float) -> Floats:
 def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floats:
     """Return unit normals (n, d) of a hypersurface at ``feet``: its own, or from the Jacobian with arbitrary signs.
 
-    ``step`` is that of the differences of closest points.
+    ``step`` is the length of the differences of closest points.
     """
 
     def of_member(member: LocalSource, member_feet: ClosestPoints, _: Ints) -> Floats:
@@ -52,7 +52,7 @@ def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floa
 
 
 def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Floats:
-    """Return unit tangents (n, d) of a curve at ``feet``: its own, or with any signs from differences of ``step``."""
+    """Return unit tangents (n, d) of a curve at ``feet``: its own, or with any signs from differences over ``step``."""
     return tangents_and_corners(curve, feet, step)[0]
 
 
@@ -76,7 +76,7 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
 
 
 def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
-    """Return ``vectors`` (n, d) projected on the tangent spaces at ``feet``, by differences of ``step`` if needed."""
+    """Return ``vectors`` (n, d) projected on the tangent spaces at ``feet``, by differences over ``step`` if needed."""
 
     def of_member(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
         """Return the vectors at ``rows`` projected on the tangent spaces of one member at its feet."""

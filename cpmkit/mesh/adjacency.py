@@ -110,7 +110,7 @@ class Rim:
 
 
 def rim_of_edges(mesh: Mesh) -> Rim:
-    """Return the edges of triangles on the rim with outward vectors perpendicular to them; no edge for segments."""
+    """Return the edges of triangles on the rim with outward vectors perpendicular to them; an empty rim of segments."""
     if mesh.manifold_dim == 1:
         return Rim(np.zeros(0, dtype=np.int64), np.zeros((0, mesh.dim)))
     edges = mesh.edges
@@ -145,8 +145,8 @@ def rim_of_vertices(mesh: Mesh) -> Rim:
 def seam_midpoints(mesh: Mesh, half: HalfFacets) -> Floats:
     """Return those middles (k, d) of rim edges of triangles that lie on another rim edge, without common vertex.
 
-    Such seams are not welded: nothing flows across them. The four nearest rim edges are tested. ``half`` is of this
-    mesh.
+    Such seams are not welded: nothing flows across them. The four nearest rim edges are tested. ``half`` are facets of
+    this mesh.
     """
     from scipy.spatial import cKDTree
 
@@ -182,9 +182,7 @@ def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
     """Return a mesh with the same geometry whose cells are connected only over shared edges, and a report.
 
     Contact in a single vertex does not connect: heat would flow through the point where two spheres touch. Curves stay
-    connected where several segments meet.
-
-    ``mesh``: flat, without boundaries; its unused vertices are left out.
+    connected where several segments meet. ``mesh`` is flat, without boundaries; its unused vertices are left out.
     """
     vertex_of, cells, report = repaired_cells(mesh)
     return Mesh.of(mesh.vertices[vertex_of], cells), report

@@ -101,7 +101,7 @@ def longest_edge(sampling: str, geometry: CellGeometry, manifold_dim: int) -> fl
 
 
 def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing: float) -> Bools:
-    """Return whether each cell (m,) is clipped at knot planes: no segment, and with "auto" no small flat triangle."""
+    """Return whether each cell (m,) is clipped at knot planes: no segment, with "auto" no short flat triangle."""
     if not is_clipped(sampling, mesh.manifold_dim):
         return np.zeros(len(mesh.cells), dtype=bool)
     if sampling == "clipped" or geometry != "flat":
@@ -204,7 +204,10 @@ def _concatenate(parts: Iterable[Samples]) -> Samples:
 
 
 def normal_frames(tangents: Floats) -> Floats:
-    """Return orthonormal bases (n, d - 1, d) of the spaces perpendicular to nonzero ``tangents`` (n, d), d = 2 or 3."""
+    """Return orthonormal bases (n, d - 1, d) of the spaces perpendicular to nonzero ``tangents`` (n, d), d = 2 or 3.
+
+    In the plane it is the normal on the right; in space the first normal x the second points along the tangent.
+    """
     t = unit(tangents)
     if t.shape[1] == 2:
         return np.stack([t[:, 1], -t[:, 0]], axis=1)[:, None]
@@ -230,7 +233,8 @@ def quadratic_rule(mesh: Mesh) -> tuple[Floats, Floats, Floats, Floats]:
     as quadratic cells with midpoints halfway along the edges.
 
     Returned ``points`` (m, q, d).
-    Returned ``tangents`` (m, q, a, d): derivatives of the position along the a = manifold_dim coordinates of a cell.
+    Returned ``tangents`` (m, q, a, d): derivatives of the position along the a = manifold_dim coordinates of a cell: t
+        from 0 to 1 along a segment, the first two barycentric coordinates of a triangle.
     Returned ``weights`` (m, q): contain the length or area element.
     Returned ``shares`` (q, k): the shape functions of the k nodes of a cell: its corners, then its midpoints.
     """
@@ -279,7 +283,7 @@ def _triangle_functions() -> tuple[Floats, Floats, Floats]:
 def project_edge_midpoints(surface: ClosestPointSource, mesh: Mesh) -> Floats:
     """Return the closest points (e, d) on ``surface`` of the middles of a mesh's edges, on its rim for edges there.
 
-    A middle stays on the chord where the closest point is too far away for the length of the edge.
+    A middle stays on the chord where that point is farther away than ``MOVED_MIDDLE_SHARE`` of the edge's length.
     """
     straight, rim = mesh.vertices[mesh.edges.ends].mean(axis=1), rim_of_edges(mesh)
     moved = surface.closest_point(straight).points.copy()
@@ -291,7 +295,7 @@ def project_edge_midpoints(surface: ClosestPointSource, mesh: Mesh) -> Floats:
 def limit_midpoint_shift(straight: Floats, moved: Floats, length: Floats) -> Floats:
     """Return ``moved`` (e, d), except ``straight`` (e, d) where the shift is too large for the edge's ``length`` (e,).
 
-    A larger shift leads to another part of the surface.
+    A shift above ``MOVED_MIDDLE_SHARE`` of the length leads to another part of the surface.
     """
     far = np.linalg.norm(moved - straight, axis=1) > MOVED_MIDDLE_SHARE * length
     return np.where(far[:, None], straight, moved)

@@ -52,7 +52,7 @@ def evaluate_position(nodes: Floats, curved: bool, r: float, s: float, point: Fl
 
 @compiled
 def evaluate_tangents(nodes: Floats, curved: bool, r: float, s: float, first: Floats, second: Floats) -> None:
-    """Fill ``first`` and ``second`` (3,) with the derivatives of a position on a triangle by r and s."""
+    """Fill ``first`` and ``second`` (3,) with the derivatives of :func:`evaluate_position` by r and s."""
     t = 1.0 - r - s
     for i in range(3):
         if curved:
@@ -158,7 +158,8 @@ def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> t
 def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
     """Fill ``normal`` (3,) with the unit normal of two tangents (3,), and return the area of their parallelogram.
 
-    If they are nearly parallel, it is any unit vector perpendicular to the longer tangent.
+    It has the side of ``first`` x ``second``. If they are nearly parallel, it is any unit vector perpendicular to the
+    longer tangent.
     """
     a = first[1] * second[2] - first[2] * second[1]
     b = first[2] * second[0] - first[0] * second[2]
@@ -203,7 +204,7 @@ def points_needed(piece: Floats, count: int, curved: bool, single: float) -> int
 
 @compiled
 def lattice_cell(piece: Floats, count: int, cell: Floats) -> None:
-    """Fill ``cell`` (3,) with the indices of the lattice cell at the middle of the box of a ``piece`` (count, 5)."""
+    """Fill ``cell`` (3,) with the lattice node whose cell contains the middle of the box of a ``piece`` (count, 5)."""
     for i in range(3):
         low, high = np.inf, -np.inf
         for k in range(count):
@@ -213,7 +214,7 @@ def lattice_cell(piece: Floats, count: int, cell: Floats) -> None:
 
 @compiled
 def clamp_to_cell(place: float, cell: float) -> float:
-    """Return a coordinate ``place``, in spacings, moved into lattice cell ``cell`` if it is slightly outside."""
+    """Return the coordinate ``place``, moved into [cell - 1/2, cell + 1/2] if within ``CLAMPED_SPACINGS`` of that."""
     past = abs(place - cell) - 0.5 + INSIDE_SPACINGS
     if 0 < past < CLAMPED_SPACINGS:
         return place - past if place > cell else place + past

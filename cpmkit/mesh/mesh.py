@@ -219,15 +219,9 @@ class EdgeSupport:
 def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> EdgeSupport:
     """Return the support of the edges of triangles, from their chords and the normals at the vertices.
 
-    Parameters
-    ----------
-    vertices : (v, d) float64
-    ends : (e, 2) int64
-        The vertices of each edge, each edge once.
-    normals : (e, 2, d) float64
-        Unit normals at the ends of each edge.
-    creased : (v,) bool
-        Whether a vertex lies on a crease: its normal is then not perpendicular to the surface along all its edges.
+    ``vertices`` (v, d), ``ends`` (e, 2): positions, and the vertices of each edge, each edge once.
+    ``normals`` (e, 2, d): unit normals at the ends of each edge.
+    ``creased`` (v,): whether a vertex lies on a crease: its normal is not perpendicular to all its edges there.
     """
     from cpmkit.mesh import mesh_kernels
 

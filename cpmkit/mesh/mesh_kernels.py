@@ -88,10 +88,8 @@ def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
     """Return the factor (m,) int8, 1 or -1, that orients each cell like its neighbours, 0 where neither does.
 
     Cells connected over facets form sets (union-find); each cell stores its orientation relative to its parent. The
-    factor is 0 beside facets of exactly two cells that stay oriented differently.
-
-    ``cells`` (m, k).
-    ``facets`` (m, k): the numbers, below ``count``, of the facets opposite to each corner.
+    factor is 0 beside facets of exactly two cells that stay oriented differently. ``facets`` (m, k) are the numbers,
+    below ``count``, of the facets opposite to each corner of ``cells`` (m, k).
     """
     m, k = facets.shape
     first, times, total = np.full(count, -1), np.zeros(count, np.int32), np.zeros(count, np.int32)
@@ -184,10 +182,8 @@ def edge_supports(
 ) -> tuple[Floats, Floats]:
     """Return the ratio (e,) and the height (e,) of the :class:`~cpmkit.mesh.mesh.EdgeSupport` of edges.
 
-    ``vertices`` (v, d).
-    ``ends`` (e, 2).
-    ``normals`` (e, 2, d): unit normals at the ends of each edge.
-    ``creased`` (v,): vertices without a normal of the surface.
+    ``vertices`` (v, d), ``ends`` (e, 2): positions, and the vertices of each edge.
+    ``normals`` (e, 2, d): unit normals at the ends of each edge. ``creased`` (v,): vertices on creases, without one.
     ``first``, ``around`` (v + 1,) and (2 e,): ``around[first[v]:first[v + 1]]`` are the edges at vertex v.
     """
     count, d = len(ends), vertices.shape[1]
@@ -291,7 +287,7 @@ def split_triangles(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats)
 def cut_needles(
     corners: Ints, chains: Ints, parts: Ints, ends: Ints, divided: Ints, first: Ints, vertices: Floats
 ) -> Ints:
-    """Return the triangles (k, 3) into which needles are cut across, between the vertices on their two long edges.
+    """Return the triangles (k, 3), oriented like the needles, into which these are cut between their two long edges.
 
     ``corners`` (m, 3): the tip first.
     ``chains``, ``parts`` (m, 2): the edges from the tip to the second and to the third corner, and the number of parts

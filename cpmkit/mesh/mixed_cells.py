@@ -54,7 +54,7 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
 
 
 def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
-    """Return ``cells`` and their edges ``of_edges``, (m, 3), as two arrays (3, m), with corner ``first`` (m,) first."""
+    """Return ``cells`` and their edges ``of_edges``, (m, 3), as two arrays (3, m) from place ``first`` (m,) on."""
     order = (first[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
 
@@ -98,11 +98,10 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
 def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[Floats, Ints]:
     """Return attributes (v', w) and cells (m', k) of a mesh with edges halved until none is longer than ``longest``.
 
-    The given vertices come first; neighbouring triangles share the middles of their edges.
-
-    ``attributes`` (v, w): the first ``dim`` columns are positions; the middle of an edge has the mean of all columns.
+    The given vertices come first; neighbouring triangles share the middles of their edges. Triangles come before
+    segments, points last.
+    ``attributes`` (v, w): the first ``dim``, 2 or 3, columns are positions; the middle of an edge has the mean of all.
     ``cells`` (m, k): triangles, segments and points; shorter rows end in -1.
-    ``dim``: 2 or 3.
     ``longest``: longest edge, in the unit of the positions.
     """
     from cpmkit.mesh.mesh_kernels import split_triangles

@@ -151,7 +151,6 @@ def polygon_rule(
     """Fill ``places`` and ``shares`` with a rule of one, three or four points on a convex polygon; return its area.
 
     The corners are counterclockwise. If the area is not positive, ``places`` and ``shares`` have no meaning.
-
     Let e, f be axes in which the covariance of the polygon is 1 and the mean of e^2 f vanishes. The rule with four
     points, of degree 3, has the two positions of Gauss's rule along e, with two points along f at each. The points of
     the rule with three points, of degree 2, lie at equal angles on a circle, the first in the direction of the largest

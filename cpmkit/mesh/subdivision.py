@@ -35,7 +35,6 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
 
     Neighbours share the middles of their edges. Both halves of an edge on a boundary lie on it, in its direction. The
     edges halved are the longest of their triangles, and needles are cut across first, so that angles do not degenerate.
-
     ``mesh``: flat cells. ``length``: longest edge, in the unit of the vertices.
     """
     assert mesh.midpoints is None
@@ -50,7 +49,7 @@ def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: tuple
     """Return the triangles with edges halved at their middles until ``is_long`` marks no edge (e,) of the mesh.
 
     ``halves`` are edges whose middles are vertices of the mesh already, because a needle beside them was cut: the
-    ascending codes (k,) of the edges, and their middles (k,).
+    ascending codes (k,) of the edges (:func:`_edge_codes`), and their middles (k,).
     """
     while (long := is_long(mesh)).any():
         ends = mesh.edges.ends
@@ -90,11 +89,8 @@ def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floa
     The height is that of a surface above the edge (:class:`~cpmkit.mesh.mesh.EdgeSupport`). Both halves of
     an edge have its share, an edge between two middles that of the edge it is parallel to, an edge from a middle to the
     opposite corner the lesser of the shares of the two other edges there.
-
-    ``edges``: the edges before halving.
-    ``middle`` (e,): the vertex in the middle of each edge, -1 where the edge stayed whole.
-    ``share`` (e,): the shares before halving.
-    ``of``: the edges after halving.
+    ``edges``, ``of``: the edges before and after halving. ``share`` (e,): the shares before.
+    ``middle`` (e,): the vertex in the middle of each edge, -1 where it stayed whole; middles follow the old vertices.
     """
     if (share == 1.0).all():
         return np.ones(len(of.ends))
@@ -225,8 +221,7 @@ def split_segments_equally(mesh: Mesh, length: float) -> Mesh:
 def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None = None) -> Mesh:
     """Return the mesh with segments split at the knot planes of the splines, x = (k + 1/2) spacing along any axis.
 
-    Otherwise the samples of one segment would lie in several lattice cells, and the error would not fall with the
-    spacing.
+    Otherwise samples of one segment would lie in several lattice cells, and the error would not fall with the spacing.
 
     ``mesh``: flat segments. ``spacing``: h, in the unit of the vertices.
     ``source``: the curve: if given, the split points are where the curve crosses the planes, else where its chords do.

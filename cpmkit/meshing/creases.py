@@ -36,10 +36,10 @@ SLIVER_SPACINGS = 0.02
 
 
 def crease_facets(mesh: Mesh, spacing: float, smooth: bool) -> Ints:
-    """Return the facets (c, k - 1) of a mesh at creases and junctions that lie on no boundary.
+    """Return the facets (c, k - 1), by their vertices, of a mesh at creases and junctions that lie on no boundary.
 
-    A junction is a facet of three cells or more. ``spacing`` is h; with ``smooth`` cells are read as a smooth surface
-    or curve, and only turns by more than :data:`SMOOTH_CREASE_DEGREES` are creases.
+    A junction is a facet of three cells or more. Short open chains and borders of small parts are left out. ``spacing``
+    is h; with ``smooth`` only turns by more than :data:`SMOOTH_CREASE_DEGREES` are creases.
     """
     numbers, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
     junction = np.bincount(numbers.ravel(), minlength=count) > 2
@@ -64,7 +64,7 @@ def crease_facets(mesh: Mesh, spacing: float, smooth: bool) -> Ints:
 def turning_facets(mesh: Mesh, degrees: float, sliver: float = 0.0) -> Bools:
     """Return whether (f,) each facet has two cells that turn by more than ``degrees``, or three cells or more.
 
-    Slivers at boundaries, with a height over the facet below ``sliver``, do not count.
+    Slivers at boundaries, with a height over the facet below the length ``sliver``, do not count.
     """
     facets, places = facets_of_two_cells(mesh)
     inward = [inward_directions(mesh, of_side) for of_side in places.T]
@@ -79,7 +79,7 @@ def turning_facets(mesh: Mesh, degrees: float, sliver: float = 0.0) -> Bools:
 def with_ties(mesh: Mesh, facets: Ints, owner: int) -> Mesh:
     """Return a mesh cut at ``facets`` (c, k - 1) too, where u is tied; they follow those of boundaries in ``mesh.cut``.
 
-    Their ``owner`` is negative, as above. Without facets the mesh itself is returned.
+    Their ``owner`` is negative, such as ``CREASE_OWNER``. Without facets the mesh itself is returned.
     """
     if not len(facets):
         return mesh
@@ -94,7 +94,7 @@ def inward_directions(mesh: Mesh, places: Ints) -> Floats:
     """Return vectors (e, d) from the middle of facets into their cells, tangent to the cell and normal to the facet.
 
     Their length is the height of a flat cell over the facet; curved cells are followed, so that a smooth surface does
-    not turn. ``places`` (e,) are positions in the array of (cell, facet), flattened.
+    not turn. ``places`` (e,) are positions in the array (m, k) of cells and their facets, flattened.
     """
     k = mesh.cells.shape[1]
     cell, facet = places // k, places % k
@@ -115,7 +115,7 @@ def inward_directions(mesh: Mesh, places: Ints) -> Floats:
 def _are_slivers(mesh: Mesh, places: Ints, heights: Sequence[Floats], least: float) -> Bools:
     """Return whether (e,) one of the two triangles at an edge has a height below ``least`` and a boundary vertex.
 
-    ``places`` (2, e) and ``heights``, two (e,), are where the two cells have each edge, and the heights there.
+    ``places`` (2, e), as in :func:`inward_directions`, are where the cells have the edge, ``heights`` two (e,) heights.
     """
     slivers = np.zeros(len(places[0]), dtype=bool)
     if mesh.manifold_dim == 2 and len(mesh.cut):
@@ -129,7 +129,8 @@ def _are_slivers(mesh: Mesh, places: Ints, heights: Sequence[Floats], least: flo
 def _without_short_chains(mesh: Mesh, chosen: Bools, fixed: Bools, spacing: float) -> Bools:
     """Return ``chosen`` edges (e,) without connected sets that are short and end inside the surface.
 
-    A set ends where a vertex has one edge of the set, lies on no rim, and on no edge that is ``fixed`` (e,).
+    Short is below ``LEAST_CHAIN_SPACINGS``. A set ends where a vertex has one edge of the set, lies on no rim, and on
+    no edge that is ``fixed`` (e,).
     """
     rows, ends = np.flatnonzero(chosen), mesh.edges.ends
     count, label = connected_components(len(mesh.vertices), ends[rows])

@@ -50,7 +50,7 @@ def curve_cells_by_closest_points(
 def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return the mesh with its vertices on the manifold, rim vertices on its rim, boundary vertices on the boundaries.
 
-    Vertices far from their boundary stay; facets that continue a boundary past its tip lie on the manifold alone.
+    Vertices farther from it than ``ONTO_BOUNDARY_EDGE_SHARE`` stay; facets past a tip lie on the manifold alone.
     Vertices beside boundaries move along; facets and cells change where triangles would turn over. ``source`` is the
     manifold; for ``boundaries`` see :func:`curve_cells_by_closest_points`.
     """
@@ -108,7 +108,6 @@ def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, may_move: Bools) 
 
     Each vertex gets the displacement of the nearest of all quarter points of facets on boundaries, reduced linearly to
     zero at a distance of half the longest facet. Segments have no such vertices.
-
     ``before``, ``moved`` (v, d): the vertices, and the same with those on boundaries moved onto the true boundaries.
     ``may_move`` (v,): which vertices may move.
     """
@@ -155,7 +154,7 @@ def extreme_edge_lengths(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float)
 def straighten_creased_edges(midpoints: Floats, straight: Floats, length: Floats) -> Floats:
     """Return the ``midpoints`` (e, d) of edges, with the middles ``straight`` (e, d) of the chords across creases.
 
-    These are edges with a midpoint farther from ``straight`` than a share of their ``length`` (e,).
+    These are edges with a midpoint farther from ``straight`` than ``CREASED_EDGE_SHARE`` of their ``length`` (e,).
     """
     return np.where((norms(midpoints - straight) > CREASED_EDGE_SHARE * length)[:, None], straight, midpoints)
 

@@ -45,7 +45,7 @@ class Faces:
 
 
 def creased_edges(mesh: Mesh) -> Bools:
-    """Return whether (e,) edges of triangles, outside boundaries, turn or have three triangles or more."""
+    """Return whether (e,) edges off boundaries turn by over ``CREASE_DEGREES``, or have three triangles or more."""
     creased = turning_facets(mesh, CREASE_DEGREES)
     creased[mesh.cut_edges] = False
     return creased
@@ -113,9 +113,8 @@ def _faces_at(mesh: Mesh, creased: Bools) -> Faces:
 def points_on_creases(source: LocalSource, points: Floats, faces: Faces) -> tuple[Floats, Bools]:
     """Return ``points`` (n, d) with the nodes of ``faces`` moved onto creases, and whether (n,) each is on one.
 
-    Other nodes, and those at smooth places, stay.
-
-    A node x moves by the shortest vector that takes it onto the planes through feet p on the faces with normals n,
+    Other nodes, those at smooth places and those that would move far (``FARTHEST_SHARE``) stay. A node x
+    moves by the shortest vector that takes it onto the planes through feet p on the faces with normals n,
     ``n . (x - p) = 0``, in the sense of least squares, for planes ever nearer to it.
     """
     nodes, node, times = np.unique(faces.node, return_inverse=True, return_counts=True)

@@ -38,9 +38,8 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
     of itself. Meshes of level sets in space have too many triangles, of bad shape. Members of a union have separate
     cells; where they meet, only closest points reveal the junction.
 
-    ``length``: longest edge of the cells of a curved manifold; flat cells are left as they are.
-    ``shortest``: edge length of the second attempt, where cells of ``length`` do not follow the manifold or have a bad
-        shape; by default there is none.
+    ``length``: longest edge of the cells of a curved manifold; flat cells stay as they are. ``shortest``: edge length
+    of a second attempt, where cells of ``length`` do not follow the manifold or have a bad shape; None for no attempt.
     """
     if source.members[0] is not source:
         return _cells_of_union(source, length, shortest)
@@ -100,7 +99,7 @@ def suits_quadrature(source: LocalSource, mesh: Mesh, length: float) -> bool:
 
 
 def _own_mesh(source: LocalSource, length: float) -> Mesh | None:
-    """Return the source's own mesh for the edge ``length``; None if it has no cells, or cells of another dimension."""
+    """Return the source's own mesh for the edge ``length``, relative to the origin; None without cells of its kind."""
     assert isinstance(source.source, HasMesh)
     vertices, cells = source.source.mesh(length)
     if cells.shape[1] != (source.manifold_dim or 0) + 1 or not len(cells):
@@ -145,7 +144,7 @@ def _cells_of_union(source: LocalSource, length: float, shortest: float | None) 
 
 
 def _have_common_points(first: LocalSource, first_mesh: Mesh, second: LocalSource, second_mesh: Mesh) -> bool:
-    """Return whether two members of a union have points in common, by alternating projections from vertices."""
+    """Return whether two members come within 1e-6 of their size, by alternating projections from vertices."""
     size = max(box_size(first_mesh.vertices), box_size(second_mesh.vertices))
     x = first_mesh.vertices
     x = x[np.argsort(norms(second.closest_point(x).points - x))[:256]]

@@ -37,7 +37,8 @@ UNTANGLING_ROUNDS = 4
 def untangle_vertices(mesh: Mesh, before: Floats, moved: Floats) -> Floats:
     """Return ``moved`` (v, d), with the positions ``before`` (v, d) for vertices of triangles that would turn over.
 
-    A vertex that keeps its position ``before`` may lie off its boundary. For segments ``moved`` itself is returned.
+    They would if their area shrank below ``LEAST_MOVED_AREA_RATIO``. A vertex that keeps its position may lie off its
+    boundary. For segments ``moved`` itself is returned.
     """
     if mesh.manifold_dim == 1:
         return moved
@@ -67,11 +68,9 @@ def untangle_midpoints(
     First the other midpoints of such triangles move along with the midpoint on the boundary. Where triangles still turn
     over, the midpoints on boundaries return to ``free``, projected, and the others to ``midpoints``.
 
-    ``mesh``: triangles.
-    ``on_boundary`` (c,): the edges on boundaries.
+    ``mesh``: triangles. ``on_boundary`` (c,): the edges on boundaries. ``source``: the manifold.
     ``midpoints``, ``free`` (e, d): midpoints on the manifold, the rim and boundaries; and those before any was moved
         onto a boundary, on the chords or the manifold.
-    ``source``: the manifold.
     ``project``: projects points (k, d) near the free midpoints onto the manifold.
     """
     folded = _folded_triangles(mesh, midpoints, source)
@@ -97,7 +96,7 @@ def area_ratios(before: Floats, moved: Floats) -> Floats:
 
 
 def is_folded(x: Floats, midpoints: Floats) -> Bools:
-    """Return which quadratic triangles (m,) turn over, or nearly do, at a corner: there the Jacobian is too small.
+    """Return which quadratic triangles (m,) turn over, or nearly (``LEAST_AREA_RATIO``), by the Jacobian at a corner.
 
     ``x``, ``midpoints`` (m, 3, d) are the corners, and the midpoints of the edges opposite to them.
     """
@@ -176,7 +175,6 @@ def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> t
     """Return the triangles with fewer facets on boundaries, and the vertices (k,) that lie on no boundary any more.
 
     Where a triangle with two facets of one boundary would turn over, its third edge becomes a facet in their place.
-
     ``before``, ``moved`` (v, d): the vertices, and the same with those on boundaries moved onto the true boundaries.
     """
     released = [np.zeros(0, dtype=np.int64)]
@@ -240,10 +238,7 @@ def _replace_facet_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
 
 
 def flip_chords(mesh: Mesh) -> Mesh:
-    """Return the triangles; where two edges of one lie nearly in line on boundaries, its third edge is flipped.
-
-    An edge stays as in :func:`flip_third_edges`.
-    """
+    """Return the triangles with third edges flipped (:func:`flip_third_edges`) where two are in line on boundaries."""
     edges = mesh.edges
     on_cut = np.zeros(len(edges.ends) + 1, dtype=bool)
     on_cut[mesh.cut_edges] = True
@@ -296,7 +291,8 @@ def _rotate_corners(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[
 def _opposite_triangles(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
     """Return the second triangle (k,) at each edge ``shared`` (k,) of triangles ``rows`` (k,), and its corner (k,).
 
-    The corner, 0 to 2, is opposite to the edge. The triangle is -1 where the edge has not exactly two triangles.
+    The corner, 0 to 2, is opposite to the edge. The triangle is -1, and the corner without meaning, where the edge has
+    not exactly two triangles.
     """
     chosen = np.zeros(len(edges.ends), dtype=bool)
     chosen[shared] = True

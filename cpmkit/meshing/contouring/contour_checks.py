@@ -96,8 +96,8 @@ def find_defects(
 def restore_creases(nodes: LatticeNodes, vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Floats, Ints, Bools]:
     """Return vertices (v, 3), triangles (m, 3) and a mask (v,) of rim vertices; edges that cut off creases are halved.
 
-    An edge is halved at the crease point farthest from it, if that is farther than .1 spacings and its projection lies
-    in the inner part of the edge. Open edges are halved at points on rims alone.
+    An edge is halved at the crease point farthest from it, if that is farther than .1 lattice spacings and projects to
+    the inner 70 % of the edge. Open edges are halved at points on rims alone. New vertices follow those given.
     """
     creases, creases_on_rim = nodes.closest[nodes.near_creases], nodes.on_rim[nodes.near_creases]
     for _ in range(3):  # each round treats the result of the round before
@@ -120,9 +120,9 @@ def restore_creases(nodes: LatticeNodes, vertices: Floats, cells: Ints, on_rim: 
 
 
 def _at_most_one_per_triangle(rows: Ints, edge: Ints, of_cells: Ints) -> tuple[Ints, Ints]:
-    """Return those of ``rows`` and of their edges ``edge`` (k,) that are left if triangles keep their first edge only.
+    """Return the entries of ``rows`` (k,) and ``edge`` (k,) that are left if each triangle keeps its first edge only.
 
-    ``of_cells`` (m, 3) are the edges of each triangle.
+    ``edge`` are distinct edges, the preferred first, ``of_cells`` (m, 3) the edges of all triangles.
     """
     rank = np.full(int(of_cells.max(initial=-1)) + 1, len(edge))
     np.minimum.at(rank, edge, np.arange(len(edge)))
@@ -134,11 +134,11 @@ def _at_most_one_per_triangle(rows: Ints, edge: Ints, of_cells: Ints) -> tuple[I
 
 
 def _nearest_edges(points: Floats, vertices: Floats, cells: Ints) -> tuple[Floats, Ints, Floats]:
-    """Return for each point (n,) its distance from the triangles, the slot of the nearest edge, and the place on it.
+    """Return the distance (n,) of each of ``points`` (n, 3) from the triangles, a slot (n,) and a share (n,).
 
-    The edge is an edge of the nearest triangle; its slot is three times the number of the triangle plus that of the
-    corner opposite to it, and the place is the share of the edge. Only the twelve triangles with the nearest centres
-    are tested.
+    The slot is that of the nearest edge of the nearest triangle (:meth:`EdgeTable.slots_of`), the share that of its
+    length at which the point is nearest, from its first end (:func:`edge_ends`). Only the twelve triangles with the
+    nearest centres are tested.
     """
     from scipy.spatial import KDTree
 
@@ -160,7 +160,8 @@ def _nearest_edges(points: Floats, vertices: Floats, cells: Ints) -> tuple[Float
 def _distances_to_triangles(points: Floats, corners: Floats) -> tuple[Floats, Ints, Floats]:
     """Return the distance (n,) of each point (n, 3) from its triangle (n, 3, 3), and the triangle's nearest edge.
 
-    The edge is given by the opposite corner (n,) and the share (n,) of its length at which the point is nearest.
+    The edge is given by the opposite corner k (n,), 0 to 2, and the share (n,) of its length, from corner k + 1 to
+    k + 2 modulo 3, at which the point is nearest.
     """
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = norms(normal)

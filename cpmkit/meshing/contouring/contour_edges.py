@@ -53,7 +53,7 @@ def edge_ends(cells: Ints, slots: Ints) -> Ints:
 def halve_edges(cells: Ints, slots: Ints, midpoints: Ints) -> Ints:
     """Return the triangles (m + s, 3) with the edges at ``slots`` (s,) halved at the vertices ``midpoints`` (s,).
 
-    No triangle has two of the slots.
+    No triangle may have two of the slots. The halves come last, with the orientation of their triangles.
     """
     cell, corner = np.divmod(slots, 3)
     apex, a, b = (cells[cell, (corner + k) % 3] for k in range(3))
@@ -101,7 +101,10 @@ def double_areas(vertices: Floats, cells: Ints) -> Floats:
 
 
 def shortest_at_both_ends(ends: Ints, length: Floats, count: int) -> Ints:
-    """Return the rows (r,) of ``ends`` (k, 2), among ``count`` vertices, of least ``length`` (k,) at both ends."""
+    """Return the rows (r,) of those edges ``ends`` (k, 2) that are the shortest of the given edges at both vertices.
+
+    ``length`` (k,) are the lengths of the edges, ``count`` the number of all vertices.
+    """
     order = np.argsort(length, kind="stable")
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))
@@ -111,9 +114,10 @@ def shortest_at_both_ends(ends: Ints, length: Floats, count: int) -> Ints:
 
 
 def collapse_edges(cells: Ints, ends: Ints, count: int) -> Ints:
-    """Return the triangles (n, 3), with edges ``ends`` (k, 2) collapsed to their first of ``count`` vertices.
+    """Return the triangles (n, 3) with the second vertex of each of the edges ``ends`` (k, 2) replaced by the first.
 
     Triangles with a repeated vertex are left out; of equal triangles an odd number leaves one, an even number none.
+    ``count`` is the number of vertices, which keep their numbers.
     """
     number = np.arange(count)
     number[ends[:, 1]] = ends[:, 0]
@@ -124,9 +128,9 @@ def collapse_edges(cells: Ints, ends: Ints, count: int) -> Ints:
 
 
 def remove_small_components(vertices: Floats, cells: Ints, links: Ints, spacing: float) -> tuple[Ints, int]:
-    """Return the triangles (n, 3) without components of hardly any area, and the number of components removed.
+    """Return the triangles (n, 3) without components below ``LEAST_COMPONENT_AREA``, and the number of these.
 
-    ``links`` as in :func:`components_with_areas`. All triangles stay where every component is that small.
+    ``links`` as in :func:`components_with_areas`; ``spacing`` of the form's lattice. If all are that small, all stay.
     """
     component, areas = components_with_areas(vertices, cells, links)
     is_small = areas < LEAST_COMPONENT_AREA * spacing**2

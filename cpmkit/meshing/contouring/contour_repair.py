@@ -27,8 +27,9 @@ from cpmkit.types import Bools, Floats, Ints
 def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spacing: float) -> tuple[Floats, Ints]:
     """Return vertices (v, 3) and triangles (m, 3), with those edges collapsed at which sheets are connected wrongly.
 
-    These are edges of three triangles or more that are shorter than .35 spacings, and the shortest edges of triangles
-    without area beside edges of three or more. The remaining vertex is the closest point of the edge's middle.
+    These are edges of three triangles or more that are shorter than .35 times the ``spacing`` of the contouring
+    lattice, and the shortest edges of triangles without area beside edges of three or more. The remaining vertex is
+    the closest point of the edge's middle; vertices keep their numbers.
     """
     for _ in range(20):  # a limit; each round treats the result of the round before
         edges = edge_table(cells)
@@ -51,7 +52,7 @@ def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spa
 def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
     """Return the triangles (k, 3) that are left when flaps are removed one after the other.
 
-    A flap has two open edges off rims; or an open edge off rims, or two open edges, and a nonmanifold edge.
+    A flap has two open edges off rims; or an open edge off rims, or two open edges, and an edge of three or more.
     """
     from cpmkit.meshing.contouring.contouring_kernels import remove_flap_triangles
 
@@ -71,7 +72,7 @@ def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
 
 
 def fill_holes(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
-    """Return the triangles (k, 3) with holes off rims filled by triangles of least area.
+    """Return the triangles (k, 3), followed by triangles of least area, of any orientation, that fill holes off rims.
 
     A hole is filled if all centres of its triangles are within a spacing of the surface.
     """
@@ -93,11 +94,8 @@ def fill_holes(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
 def _hole_loops(ends: Ints, on_rim: Bools, count: int) -> list[Ints]:
     """Return for each hole its vertices (b,) in cyclic order, from the open edges of the triangulation.
 
-    A hole is a closed border of at most 80 open edges, a third of them on rims at most.
-
-    ``ends`` (b, 2): the vertices of each open edge.
-    ``on_rim`` (b,): whether each open edge lies beside a rim.
-    ``count``: the number of vertices.
+    A hole is a closed border of at most 80 open edges, a third of them on rims at most. ``ends`` (b, 2) are vertices
+    of each open edge, ``on_rim`` (b,) says whether it lies beside a rim; ``count`` is the number of vertices.
     """
     borders, label = connected_components(count, ends)
     size = np.bincount(label[ends[:, 0]], minlength=borders)
@@ -145,7 +143,7 @@ def separate_sheets(source: LocalSource, vertices: Floats, cells: Ints) -> tuple
 
 
 def crowded_edges(source: LocalSource, vertices: Floats, cells: Ints, edges: EdgeTable) -> Ints:
-    """Return the numbers (k,) of the edges of four triangles or more at which no two sheets cross."""
+    """Return the numbers (k,) of ``edges``, of triangles ``cells`` (m, 3), with four or more where no sheets cross."""
     edge, _, _, crossing = _edges_of_four(source, vertices, cells, edges)
     return np.setdiff1d(np.flatnonzero(edges.count > 3), edge[crossing])
 
@@ -155,8 +153,8 @@ def _edges_of_four(
 ) -> tuple[Ints, Ints, Floats, Bools]:
     """Return the edges (k,) of four triangles, slots (k, 4), angles (k, 4), and whether (k,) two sheets cross there.
 
-    The slots, see :meth:`EdgeTable.slots_of`, are those of the triangles in their order around the edge; the angles are
-    those between neighbouring triangles in this order.
+    The slots, see :meth:`EdgeTable.slots_of`, are those of the triangles in their order around the edge; angle j, in
+    radians, is that from triangle j to the next one in this order, the last to the first.
     """
     edge = np.flatnonzero(edges.count == 4)
     slots = edges.slots_of(edge, 4)
@@ -172,7 +170,10 @@ def _edges_of_four(
 
 
 def _angles_around(vertices: Floats, cells: Ints, edges: EdgeTable, edge: Ints, slots: Ints) -> tuple[Floats, Ints]:
-    """Return ascending angles (k, 4) of the triangles at ``slots`` (k, 4) around ``edge`` (k,), and slots so sorted."""
+    """Return ascending angles (k, 4) of the triangles at ``slots`` (k, 4) around ``edge`` (k,), and slots so sorted.
+
+    Angles are in radians, from 0 to 2 pi, counted from the triangle at the first slot.
+    """
     tail, head = vertices[edges.ends[edge]].transpose(1, 0, 2)
     along = unit(head - tail)
     outward = vertices[cells.ravel()[slots]] - tail[:, None]
@@ -219,7 +220,6 @@ def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints)
     """Return the triangles (m, 3) with a separate vertex for each fan, and the old vertex (v,) of each new vertex.
 
     A fan is a set of triangles at a vertex that are connected across edges.
-
     ``separated`` (k,): edges across which only the triangles of a pair are in one fan; across other edges all are.
     ``pairs`` (k, 2, 2): the slots of the two pairs of each of these edges.
     """

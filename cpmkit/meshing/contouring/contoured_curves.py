@@ -39,7 +39,6 @@ def contour_curve(source: LocalSource, spacing: float) -> tuple[Mesh, TraceDefec
     """Return segments on a curve, and their defects; vertices lie at its ends, corners and junctions.
 
     Raises ResolutionError if the first trace has no piece as large as half a spacing.
-
     ``source``: a curve (m = 1) in the plane or in space. Its tangents are not used.
     ``spacing``: spacing h of the form's lattice.
     """
@@ -63,7 +62,11 @@ def contour_curve(source: LocalSource, spacing: float) -> tuple[Mesh, TraceDefec
 def _trace_from_cells(
     source: LocalSource, spacing: float, step: float, shift: float
 ) -> tuple[CurveGraph, TraceDefects] | None:
-    """Return the graph of a curve traced by ``step`` from cells of this ``shift``, and its defects; None if empty."""
+    """Return the graph of a curve traced from the lattice cells that it meets, and its defects.
+
+    ``spacing`` is that of the form's lattice, ``step`` the length of a step; the cells are shifted by ``shift``
+    spacings. Pieces below half a spacing are dropped; None if no piece is left.
+    """
     for _, level in cell_levels(source, spacing, shift):
         cells = level
     points = source.closest_point(np.asarray((cells - shift + 0.5) * spacing)).points

@@ -54,8 +54,8 @@ def contour_surface(source: LocalSource, spacing: float) -> tuple[Mesh, SurfaceR
     """Return a triangulation of a surface in space with vertices on it, border vertices on its rims, and a report.
 
     Dual contouring of unsigned distances: edges of a lattice are intersected with the surface, the crossings of each
-    cell are grouped by whether they are connected on the surface in the cell, and each group becomes a vertex. Raises
-    ResolutionError if no triangle results.
+    cell are grouped by whether they are connected on the surface in the cell, and each group becomes a vertex.
+    Triangles have no common orientation. Raises ResolutionError if no triangle results.
 
     ``source``: a surface (m = 2) in space. Neither its normals nor its orientation are used.
     ``spacing``: spacing h of the form's lattice.

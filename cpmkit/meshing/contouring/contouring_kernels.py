@@ -122,6 +122,7 @@ def _area(points: Floats, i: int, j: int, k: int) -> float:
 def least_area_triangles(points: Floats) -> Ints:
     """Return the triangulation (n - 2, 3) of a hole with border ``points`` (n, 3) that has the least total area.
 
+    Triangles are rows of ``points``, which go around the hole, n >= 3, and have the orientation of their order.
     Barequet and Sharir, Filling gaps in the boundary of a polyhedron (1995).
     """
     n = len(points)

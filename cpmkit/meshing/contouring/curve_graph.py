@@ -27,7 +27,7 @@ class CurveGraph:
 
 
 def trace_curve(source: LocalSource, seeds: Floats, step: float) -> CurveGraph:
-    """Return the graph of the pieces of a curve through ``seeds`` (n, d), points of it, traced by equal steps."""
+    """Return the graph of the pieces of a curve through its points ``seeds`` (n, d), in steps of length ``step``."""
     tracer = CurveTracer.of(source, step)
     tracer.trace_all(seeds)
     graph = _graph_of_trace(tracer)
@@ -103,7 +103,10 @@ def _refine_junctions(source: LocalSource, graph: CurveGraph, step: float) -> Cu
 
 
 def add_corners(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
-    """Return the graph with segments that cut a corner off halved where the tangents at their ends meet."""
+    """Return the graph with segments that cut a corner off halved where the tangents at their ends meet.
+
+    A corner turns by more than 20 degrees. ``step`` is the step of the trace, to which tolerances refer.
+    """
     a, b = graph.vertices[graph.segments].transpose(1, 0, 2)
     middle, length = 0.5 * (a + b), norms(b - a)
     off = np.flatnonzero(norms(graph.midpoints_on_curve - middle) > 0.03 * length)
@@ -218,7 +221,8 @@ def _meeting_points(
     """Return points (n, d) of the curve where strands through p and q (n, d) meet, and their errors (n,).
 
     The tangents of both strands, of unit directions (n, d), are intersected, and the result is projected onto the
-    curve. The error is the larger of the distance between the tangents and the distance of this projection.
+    curve. The error is the larger of the distance between the tangents and that of the projection. No two tangents
+    may be parallel.
     """
     closest = source.closest_point(np.concatenate([p, q])).points
     p, q = closest[: len(p)], closest[len(p) :]

@@ -204,7 +204,7 @@ class CurveTracer:
         return replace(ends, last=last, target=target, turned=~leads_on, beyond=beyond).take(go)
 
     def _ends_ahead(self, here: Floats, heading: Floats) -> Floats:
-        """Return the ends or corners (k, d) of the curve ahead of ``here``; ``here`` itself where there is none."""
+        """Return the end or corner (k, d) of the curve within 1.5 steps ahead of ``here`` (k, d), else ``here``."""
         targets = here[:, None] + np.array([0.5, 1.0, 2.0])[:, None] * self.step * heading[:, None]
         closest, found = self._closest_near(here, targets, 1.5)
         ahead = np.where(found, dots(closest - here[:, None], heading[:, None]), 0.0)
@@ -213,7 +213,10 @@ class CurveTracer:
         return np.where((ahead[rows, best] > 0)[:, None], closest[rows, best], here)
 
     def _points_around(self, here: Floats) -> tuple[Floats, Bools]:
-        """Return points (k, c, d) of the curve about a step from ``here`` (k, d), and a mask (k, c) of valid ones."""
+        """Return closest points (k, c, d) of the ends of steps from ``here`` (k, d) in c = 3^d - 1 directions.
+
+        The mask (k, c) returned with them marks those between ``LEAST_STEP`` and 1.05 steps away from ``here``.
+        """
         directions = unit(np.array([d for d in product((-1.0, 0.0, 1.0), repeat=self.source.dim) if any(d)]))
         closest, found = self._closest_near(here, here[:, None] + self.step * directions, 1.05)
         return closest, found & (norms(closest - here[:, None]) > LEAST_STEP * self.step)

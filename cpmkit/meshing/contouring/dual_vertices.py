@@ -161,7 +161,6 @@ def _connected_groups(
     """Return the group (k,) of each entry: entries of one cell whose crossings are connected in it have one group.
 
     An entry is a pair of a cell and a crossing of one of its edges; a group is named by one of its entries.
-
     ``start`` (cells + 1,): the first entry of each cell, and the number of entries.
     ``member``, ``cells`` (k,): the crossing of each entry, and the code of its cell.
     """
@@ -191,7 +190,6 @@ def _least_squares_vertices(
 
     Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
     their cell by more than a tenth of its side are clipped. Normals have either sign.
-
     ``cells`` (v,): the code of the cell of each group.
     ``member``, ``piece`` (k,): pairs of a crossing and its group; a crossing has four, one for each cell around it.
     """
@@ -218,10 +216,10 @@ def _least_squares_vertices(
 
 
 def dual_triangles(source: LocalSource, points: Floats, normals: Floats, around: Ints) -> Ints:
-    """Return the triangles (m, 3) into which the quadrilaterals ``around`` (c, 4) crossings are split.
+    """Return the triangles (m, 3), of any orientation, into which the quadrilaterals ``around`` (c, 4) are split.
 
     ``points``, ``normals`` (v, 3) are those of the vertices. Quadrilaterals are split along the diagonal whose midpoint
-    is nearer to the surface, planar ones along the shorter; doubled ones are left out.
+    is nearer to the surface, planar ones along the shorter; doubled ones are left out (:func:`_without_doubles`).
     """
     quads = _without_doubles(around)
     corners, normals = points[quads], normals[quads]

@@ -58,7 +58,7 @@ class Observation:
         return Observation(self.distance[rows], self.normal[rows], self.interior[rows])
 
     def put(self, rows: Bools, new: Observation) -> None:
-        """Replace the observations at ``rows`` by ``new``."""
+        """Replace the observations at ``rows`` (n,), a mask, by ``new`` in place."""
         self.distance[rows], self.normal[rows], self.interior[rows] = new.distance, new.normal, new.interior
 
 

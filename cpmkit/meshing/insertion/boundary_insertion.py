@@ -52,11 +52,9 @@ def insert_boundaries(
     """Return the mesh with boundaries as facets: curves as edges of triangles, points as vertices.
 
     Vertices that are inserted lie on the original flat cells.
-
     ``mesh``: valid, flat, not cut. Its facets may have any number of cells. ``spacing``: spacing h of the lattice.
     ``boundaries``: relative to the same origin: curves and points on a surface, points on a curve.
-    ``movable``: whether vertices of curves are moved onto these later: nearby vertices may then become vertices of a
-        curve.
+    ``movable``: whether vertices of curves are moved onto these later: near vertices may then become some of a curve.
     """
     if not boundaries:
         return Insertion(mesh)

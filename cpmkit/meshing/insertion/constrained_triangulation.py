@@ -53,7 +53,10 @@ class ConstrainedTriangulation:
     owners_at: dict[int, set[int]] = field(default_factory=dict)  #: The numbers of the boundaries at each vertex.
 
     def insert_point(self, root: int, place: Vector) -> int:
-        """Return the vertex at a point ``place`` of the original triangle ``root``, a new vertex unless one is near."""
+        """Return the vertex at a point ``place`` of the original triangle ``root``, a new vertex unless one is near.
+
+        A point near an edge splits that edge; ``SNAP_SHARE`` and its kin say what is near.
+        """
         net = self.triangulation
         cell = self._containing_part(root, place)
         size = float(net.sizes[root])
@@ -85,7 +88,7 @@ class ConstrainedTriangulation:
     def insert_on_boundary(self, root: int, place: Vector, owner: int) -> int | None:
         """Return the vertex on boundary ``owner`` nearest to a point of the original triangle ``root``.
 
-        The vertex is inserted if need be; None if the boundary is not near the point.
+        The vertex is inserted if need be; None if the boundary is not within .1 local edge lengths of the point.
         """
         net, size = self.triangulation, self.triangulation.sizes[root]
         gaps = {}

@@ -114,7 +114,7 @@ def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
 
 
 def _tip_direction(finder: PathFinder, links: Links, tip: int) -> Vector:
-    """Return the unit direction of a curve at its tip, from the parabola through three points of its end.
+    """Return the unit direction of a curve at its tip, outwards, from the parabola through three points of its end.
 
     The points are the tip and those half a local edge length and a whole one before it, or nearer on a short curve.
     """

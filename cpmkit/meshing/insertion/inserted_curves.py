@@ -24,7 +24,7 @@ PAST_RIM_SHARE = 0.02
 
 
 def simplify_curve(search: TriangleSearch, line: Polyline, source: LocalSource, owner: int) -> SimplifiedCurve:
-    """Return ``line``, on the curve ``source`` of the boundary ``owner``, with as few points as its shape allows."""
+    """Return ``line``, on the curve ``source`` of boundary ``owner``, with fewer points, at most .01 L off the rest."""
     points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
     rows = simplify_polyline(points, 0.01 * search.local_size(points))
     return SimplifiedCurve.of(points[rows[:-1] if line.closed else rows], line.closed, source, owner)
@@ -47,8 +47,7 @@ def refine_curve(
 ) -> InsertionPolyline:
     """Return the polyline of a curve with points no farther apart than twice the local edge length of the triangles.
 
-    Where it nearly coincides with an earlier polyline, it has a point beside each point of that.
-
+    Where it nearly coincides with an ``earlier`` polyline, it has a point beside each point of that.
     ``on`` (n,): the earlier boundary on which each point of ``curve.loop`` lies, -1 for none. A new point lies on a
         boundary if both neighbours do.
     """
@@ -109,7 +108,6 @@ def parts_on_surface(
 
     Each part comes with whether it is closed, and then continues from its last point to the first. The number of the
     curve's point is -1 where a part passes a rim.
-
     ``search``: search over the roots. ``matched``: one projection of each point.
     ``points`` (n, 3): points of the curve; ``closed``: whether it is closed.
     """
@@ -175,7 +173,7 @@ def _true_ranges(mask: Bools) -> list[tuple[int, int]]:
 def _rim_passage(triangulation: SplitTriangulation, search: TriangleSearch, on: Floats, off: Floats) -> Projections:
     """Return the projection of the point between ``on`` and ``off`` (3,) where a curve leaves the surface over its rim.
 
-    ``on`` is a point on the surface, ``off`` a point past its rim.
+    ``on`` is a point on the surface, ``off`` a point past its rim. The projection's ``point`` is -1.
     """
     for _ in range(10):  # bisection, to a thousandth of the way
         middle = 0.5 * (on + off)

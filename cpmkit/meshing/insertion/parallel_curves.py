@@ -28,7 +28,7 @@ def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[Lo
     """Return the number (n,) of the earlier boundary on which each point of a curve lies, -1 for none.
 
     Points lie on a boundary where their distance vanishes, if two do at least (one alone is a crossing); and where the
-    curve stays near it and changes sides three times or more: there it is the same curve with other vertices.
+    curve stays within .02 spacings and changes sides three times or more: there it is the same with other vertices.
 
     ``points`` (n, d): consecutive points of the ``curve``.
     ``earlier``: boundaries inserted before; of several on which a point lies, the last counts.
@@ -51,9 +51,9 @@ def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[Lo
 def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
     """Return which places (n,) of a polyline lie on stretches that cross another, near curve three times or more.
 
-    ``off`` (n, d): vectors from the other curve to the places.
-    ``chords`` (m, d): chords of the polyline: offsets turn with these around a corner.
-    ``reach``: the distance within which the curves are near.
+    ``off`` (n, d): vectors from the other curve to the places, ``SEGMENT_POINTS`` on each chord, and the last point.
+    ``chords`` (m, d): chords of the polyline: offsets turn with these around a corner. ``reach``: a length, below which
+    an offset is near.
     """
     is_close = norms(off) < reach
     stretch = np.cumsum(np.diff(is_close, prepend=is_close[:1]))
@@ -72,7 +72,7 @@ def _rotate(vectors: Floats, start: Floats, end: Floats) -> Floats:
 
 
 def is_close_to_others(points: Floats, others: Sequence[LocalSource], spacing: float) -> bool:
-    """Return whether several ``points`` (n, d) of a curve lie very near to another boundary, but not on it."""
+    """Return whether two or more ``points`` (n, d) of a curve are within .05 spacings of a boundary, but not on it."""
     for number in _near_boundary_numbers(points, others, spacing):
         off = points - others[number].closest_point(points).points
         if _are_close(off, spacing).sum() > 1:
@@ -81,7 +81,7 @@ def is_close_to_others(points: Floats, others: Sequence[LocalSource], spacing: f
 
 
 def _are_close(off: Floats, spacing: float) -> Bools:
-    """Return which offsets (n, d) from another curve are short but not zero: the curves nearly coincide there."""
+    """Return which offsets (n, d) from another curve are below .05 spacings but not zero: the two nearly coincide."""
     distance = norms(off)
     return np.asarray((distance > SAME_SHARE * spacing) & (distance < 0.05 * spacing))
 
@@ -120,7 +120,7 @@ class SimplifiedCurve:
 
     @property
     def loop(self) -> Floats:
-        """(n,) or (n + 1, 3) points of the curve; those of a closed curve end with the first point again."""
+        """(n, 3) or (n + 1, 3) points of the curve; those of a closed curve end with the first point again."""
         return np.concatenate([self.points, self.points[:1]]) if self.closed else self.points
 
     def project(self, points: Floats) -> Floats:
@@ -176,11 +176,10 @@ class SimplifiedCurve:
 def align_close_curves(
     curves: Sequence[SimplifiedCurve], spacing: float, coincident: Container[tuple[int, int]]
 ) -> list[SimplifiedCurve]:
-    """Return the curves with points beside each other where they nearly coincide.
+    """Return the curves with points beside each other where they nearly coincide, nearer than .05 spacings.
 
     An earlier curve gets a point beside each end and corner of later ones. A later curve gets the closest points of the
     points of earlier ones in place of its own. Where two cross and separate, both keep their points.
-
     ``coincident`` of (int, int): numbers of a curve and of a boundary on which it lies in places: these are left out.
     """
     aligned = list(curves)
@@ -200,7 +199,7 @@ def align_close_curves(
 
 
 def _add_fixed_points(early: SimplifiedCurve, late: SimplifiedCurve, spacing: float) -> SimplifiedCurve:
-    """Return the earlier curve with the closest points of the later curve's ends and corners added."""
+    """Return the earlier curve with the closest points of the later curve's ends and corners near it added."""
     fixed = late.points[late.fixed]
     projected = early.project(fixed)
     projected = projected[_are_close(projected - fixed, spacing)]

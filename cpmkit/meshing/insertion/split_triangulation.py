@@ -272,9 +272,9 @@ class SplitTriangulation:
     ) -> dict[int, tuple[float, int]]:
         """Return the length of the shortest path over edges to each vertex, and the vertex before it (Dijkstra).
 
+        Vertices out of reach are left out; before a start stands the start itself.
         ``start``: the vertices where paths may start, and the length with which a path starts at each.
-        ``limit``: largest length of a path.
-        ``goal``: a vertex at which the search may stop.
+        ``limit``: largest length of a path. ``goal``: a vertex at which the search stops; farther ones are left out.
         ``neighbours``: returns the vertices to which paths lead from a vertex; by default over all edges.
         """
         neighbours = neighbours or self.neighbours

@@ -163,8 +163,9 @@ def barycentric_position(triangulation: SplitTriangulation, root: int, shares: F
 def match_to_surface(triangulation: SplitTriangulation, points: Floats, candidates: Projections) -> Projections:
     """Return one of the ``candidates`` for each of consecutive ``points`` (n, 3), so that the curve stays on its sheet.
 
-    Their total cost is least. Each projection costs its distance. Each step between triangles without a common vertex
-    costs path - 1.5 (chord + L), at least 0 and at most 6 L; path is the shortest over edges, L the edge length there.
+    Each point must have a candidate (:meth:`TriangleSearch.candidates`). Their total cost is least. Each
+    projection costs its distance. Each step between triangles without a common vertex costs path - 1.5 (chord + L), at
+    least 0 and at most 6 L; path is the shortest over edges, L the edge length there.
     """
     first = np.flatnonzero(np.diff(candidates.point, prepend=-1))
     counts = np.diff(np.append(first, len(candidates.point)))
@@ -237,7 +238,8 @@ def polylines_of_source(source: LocalSource, length: float) -> list[Polyline] | 
 def refine_polyline(source: LocalSource, line: Polyline, length: float) -> Polyline:
     """Return a polyline with chords halved at points of the curve until their middles are within .002 ``length`` of it.
 
-    A closest point farther than .3 chords from the middle lies on another branch, and does not count.
+    A closest point farther than .3 chords from the middle lies on another branch, and does not count. A chord is halved
+    twelve times at most.
     """
     points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
     fresh = np.ones(len(points) - 1, dtype=bool)
@@ -258,9 +260,9 @@ def refine_polyline(source: LocalSource, line: Polyline, length: float) -> Polyl
 
 
 def simplify_polyline(points: Floats, tolerance: Floats) -> Ints:
-    """Return rows (k,) of ``points`` (n, d) whose polyline passes every point within its ``tolerance`` (n,).
+    """Return rows (k,) of ``points`` (n, d) whose polyline passes every point within its ``tolerance`` (n,), a length.
 
-    Douglas and Peucker (1973).
+    Rows ascend, from 0 to n - 1. Douglas and Peucker (1973).
     """
     used = np.zeros(len(points), dtype=bool)
     used[[0, -1]] = True

@@ -29,7 +29,7 @@ from cpmkit.meshing.insertion.surface_matching import TriangleSearch, barycentri
 class FanExit(NamedTuple):
     """The exit of a plane through a vertex from the triangles around it: at ``share`` of the way from vertex a to b.
 
-    ``ahead`` is the cosine between the direction to this point and the heading.
+    ``ahead`` is the cosine between the direction to this point and the heading, times the length of the heading.
     """
 
     ahead: float
@@ -144,7 +144,7 @@ class PathFinder:
     def leave_fan(self, vertex: int, heading: Vector, normal: Vector) -> FanExit | None:
         """Return the exit of the plane of ``heading`` and ``normal`` at a vertex from the triangles around it.
 
-        Of several exits it is the one farthest ahead; None if there is none ahead.
+        Of several exits it is the one farthest ahead; None if there is none ahead. The vectors may have any length.
         """
         net, here, across = self.triangulation, self.triangulation.position(vertex), cross(normal, heading)
         best: FanExit | None = None
@@ -201,10 +201,8 @@ def erase_short_loops(triangulation: SplitTriangulation, path: list[int], backwa
     """Return a path without loops shorter than two local edge lengths, or four at ``backward`` vertices.
 
     Such loops come from projections that jump, from cusps of offset curves and from noise in polylines.
-
     ``path``: vertices; a closed path ends where it starts.
-    ``backward``: the vertices between which projections go back while the curve continues: it lies off the surface
-        there.
+    ``backward``: the vertices between which projections go back while the curve, off the surface there, continues.
     """
     path = _erase_inner_loops(triangulation, path, backward)
     if len(path) > 2 and path[0] == path[-1]:
