@@ -151,8 +151,8 @@ def ghost() -> Figure:
     axes.plot(*band.positions[band.inner :].T, ".", color="#c9c9c9", ms=5)
     axes.plot(*band.positions[: band.inner].T, ".", color=GREY, ms=7)
     own = band.positions[ghosts.nodes[: ghosts.unknowns]]
-    carries_left = ghosts.carries_left[: ghosts.unknowns]
-    for side, colour, name in ((carries_left, LEFT, "left"), (~carries_left, RIGHT, "right")):
+    continues_left = ghosts.continues_left[: ghosts.unknowns]
+    for side, colour, name in ((continues_left, LEFT, "left"), (~continues_left, RIGHT, "right")):
         label = f"node with a ghost that carries the {name}"
         axes.plot(*own[side].T, "o", mfc="none", mec=colour, mew=1.8, ms=9, label=label)
 

@@ -4,8 +4,8 @@ from cpmkit.forms import choice
 from cpmkit.forms.collocation import band_layout, discretization
 
 
-def lay_out(scene, spacing, **options):
-    return band_layout.lay_out(scene, choice.options_of(scene, spacing, {**options, "form": "collocation"})[0])
+def build_layout(scene, spacing, **options):
+    return band_layout.build_layout(scene, choice.options_of(scene, spacing, {**options, "form": "collocation"})[0])
 
 
 def build_tables(scene, spacing, **options):

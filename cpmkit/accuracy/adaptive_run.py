@@ -20,7 +20,7 @@ from cpmkit.accuracy.estimate import (
     with_further_modes,
 )
 from cpmkit.errors import ResolutionError, SceneError
-from cpmkit.families.eigen.solve_eigen import fewer_modes
+from cpmkit.families.eigen.solve_eigen import keep_requested_modes
 from cpmkit.forms.options import AccuracyTarget, lattice_options
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.modes import EigenRecord
@@ -100,7 +100,7 @@ class AdaptiveRun:
         """
         if not solution.has_modes or self.is_recipe:
             return solution
-        return fewer_modes(cast("EigenRecord", solution), self.scene)
+        return keep_requested_modes(cast("EigenRecord", solution), self.scene)
 
     @property
     def elapsed(self) -> float:

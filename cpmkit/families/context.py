@@ -84,7 +84,7 @@ class SolvingKeywords(TargetKeywords, PreparingKeywords, CheckpointingKeywords, 
     progress: ShownProgress
 
 
-def _path(value: Any, label: str) -> Path | None:
+def _checkpoint_path(value: Any, label: str) -> Path | None:
     """Return the option ``value`` as the path of a checkpoint; None if it is None or empty.
 
     Raises InputError if it is not a path, or not an accepted name; ``label`` is the name of the option.
@@ -105,14 +105,14 @@ class Checkpointing(DeclaredOptions):
         None,
         "Of problems in time: an .npz file to which the state of the run is written every ``checkpoint_every`` steps "
         "and at the end, each time completely.",
-        _path,
+        _checkpoint_path,
     )
     checkpoint_every: int = option(100, "Steps between two checkpoints.", partial(whole, least=1))
     resume: Path | None = option(
         None,
         "A checkpoint of the same problem: the run continues from there, and ends with the same values, bit by bit, as "
         "without the interruption. A later ``until`` makes a run longer.",
-        _path,
+        _checkpoint_path,
     )
 
     def check_for(self, problem: Equation) -> None:
@@ -203,7 +203,7 @@ def with_border(form: Discretized, stiffness: Stiffness) -> Operator:
     return stiffness if free is None else Bordered(stiffness, free)
 
 
-def times_mass(form: Discretized, u: Floats) -> Floats:
+def apply_mass(form: Discretized, u: Floats) -> Floats:
     """Return M u (n, k) for u (n, k) and the mass matrix M of the form; u itself if the form has none."""
     return u if form.mass is None else form.mass.apply(u)
 
@@ -272,7 +272,7 @@ class SolveContext:
         return {"discretized": form, "report": report, "work": form.work(operator, report), "seconds": seconds}
 
 
-def surely_positive(form: FormValues) -> bool:
+def is_nonnegative(form: FormValues) -> bool:
     """Return True if the signs of the data show that the continuous operator has no eigenvalue below zero.
 
     They do if there is no velocity, c is nowhere negative and all conditions are dissipative. False: unknown.

@@ -20,7 +20,7 @@ from typing import Any, cast
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.families.context import SolveContext, times_mass, with_border
+from cpmkit.families.context import SolveContext, apply_mass, with_border
 from cpmkit.forms.contract import Discretized, require_ability
 from cpmkit.forms.data_checks import Imbalance, balanced_solution
 from cpmkit.linear.constant_functions import ConstantFunctions
@@ -206,7 +206,7 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     v, first = system.solve(q, context.tolerance, progress=context.progress)
     if bordered is not None:
         v, imbalances = balanced_solution(bordered, q, v, form)
-    u, second = system.solve(r + times_mass(form, v), context.tolerance, progress=context.progress)
+    u, second = system.solve(r + apply_mass(form, v), context.tolerance, progress=context.progress)
     if bordered is not None:
         u, v = _with_mean_of_laplacian(bordered, form, u, v)
     return u, v, _combined_report(first, second), imbalances
@@ -221,7 +221,7 @@ def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v:
     border = operator.border
     u, means = border.remove_means(u)
     indicator = border.indicator.toarray()
-    measure = (indicator * times_mass(form, indicator)).sum(axis=0)
+    measure = (indicator * apply_mass(form, indicator)).sum(axis=0)
     excess = operator.shift * means * ((indicator * border.constant_load.toarray()).sum(axis=0) / measure)[:, None]
     return u, np.asarray(v - indicator @ excess)
 

@@ -59,10 +59,10 @@ class Steps:
 
     def frozen_terms(self, u: Floats) -> Terms:
         """Return the terms with the diffusivity evaluated at u (n, 1), independent of the solution."""
-        scale = None if self.penalty_scale is None else self._scale_at
+        scale = None if self.penalty_scale is None else self._uniform_scale
         return replace(self.terms, diffusivity=StateDependentCoefficient(self.law.evaluate, u, scale))
 
-    def _scale_at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+    def _uniform_scale(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return the penalty scale (k,) at k points; u (k,) gives k, and ``slopes`` and ``points`` are not used."""
         del slopes, points
         assert self.penalty_scale is not None
@@ -90,7 +90,7 @@ class Steps:
         Raises ConvergenceError if no step length reduces the residual enough, or a linear solve fails.
         """
         form = self.context.discretized
-        scale = self.law.evaluate if self.penalty_scale is None else self._scale_at
+        scale = self.law.evaluate if self.penalty_scale is None else self._uniform_scale
         coefficient = StateDependentCoefficient(self.law.flux_by_gradient, state.u, scale)
         tangent = form.stiffness(replace(self.terms, diffusivity=coefficient))
         drift = None
@@ -98,7 +98,7 @@ class Steps:
             drift = form.advection(StateDependentCoefficient(self.law.flux_by_value, state.u))
         change, report = self._solve(tangent, state, drift)
         weights = 1 / np.abs(tangent.diagonal)
-        before, length = _size(state.residual, weights), 1.0
+        before, length = _weighted_norm(state.residual, weights), 1.0
         refusal: InputError | None = None
         while length >= 2.0**-12:  # it is halved until the residual falls by at least a tenth of that share
             try:
@@ -106,7 +106,7 @@ class Steps:
             except InputError as error:  # the diffusivity is not positive there
                 refusal, length = error, length / 2
                 continue
-            falls = _size(trial.residual, weights) <= (1 - 0.1 * length) * before
+            falls = _weighted_norm(trial.residual, weights) <= (1 - 0.1 * length) * before
             if falls or float(np.abs(change).max()) <= 1e-11 * float(np.abs(state.u).max()):  # rounding
                 return trial, report
             length /= 2
@@ -151,7 +151,7 @@ class Steps:
         return (start if failed else solution.reshape(-1, 1)), report
 
 
-def _size(residual: Floats, weights: Any) -> float:
+def _weighted_norm(residual: Floats, weights: Any) -> float:
     """Return the Euclidean norm of a residual (n, 1) whose squares are multiplied by ``weights`` (n, 1)."""
     return float(np.sqrt(np.sum(weights * residual**2)))
 
@@ -295,7 +295,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
 
     ``solve_linear`` is the solver of the equation's family, for linear conditions. Raises SceneError if the scene has
     several channels, or the fluxes do not fix a constant. Raises ResolutionError if a flux grows with u faster than the
-    spacing resolves. Raises ConvergenceError if Newton's method does not converge.
+    spacing resolves. Raises ConvergenceError if Newton's method does not converge in 30 steps.
     """
     scene, form = context.scene, context.discretized
     if scene.channels > 1:

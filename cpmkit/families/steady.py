@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError
-from cpmkit.families.context import PreparedSystem, SolveContext, operator_key, surely_positive, times_mass, with_border
+from cpmkit.families.context import PreparedSystem, SolveContext, apply_mass, is_nonnegative, operator_key, with_border
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.operators import LinearSystem, PreparedSolver, Stiffness
 from cpmkit.linear.preconditioned import stop_by_preconditioned_residual
@@ -66,11 +66,11 @@ def _prepare_system(context: SolveContext) -> tuple[Stiffness, PreparedSystem]:
 def solve_steady(context: SolveContext) -> SolutionRecord:
     """Assemble and solve the linear system of a steady problem, and return the solution.
 
-    Raises ResolutionError if the spacing is too coarse for waves or a velocity. Raises ConvergenceError if the solver
-    does not reach the tolerance.
+    Raises ResolutionError if the spacing is too coarse for waves or a velocity, SceneError if the system is singular,
+    ConvergenceError if the solver does not reach the tolerance.
     """
     form, terms = context.discretized, context.scene.problem.terms()
-    coarse_waves = unresolved_waves(form, terms)
+    coarse_waves = unresolved_wave_warnings(form, terms)
     form.check(context.solver_name)
     load = form.load(terms.f)
     stiffness, system = context.cache.get(("steady", operator_key(terms)), _prepare_system, context)
@@ -130,7 +130,7 @@ def resolves_waves(form: Discretized, terms: Terms) -> bool:
     return float(np.sqrt(squared_wavenumber(terms))) * form.spacing <= form.traits.dispersion.resolved
 
 
-def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
+def unresolved_wave_warnings(form: Discretized, terms: Terms) -> list[str]:
     """Return a warning in a list if the spacing resolves standing waves poorly; else an empty list.
 
     Raises ResolutionError if there are too few nodes per wavelength to distinguish eigenvalues.
@@ -162,17 +162,17 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
     linear = not any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)
     linear = linear and not isinstance(terms.diffusivity, StateDiffusivity)
     steady = linear and form.scene.problem.family == "steady" and terms.velocity is None
-    if not steady or surely_positive(form) or (not square and "gradients" in form.cannot):
+    if not steady or is_nonnegative(form) or (not square and "gradients" in form.cannot):
         return [], None
     tolerance = max(context.tolerance, ROUGH_RESIDUAL)
     try:
         b, gap, mode = form.load(_plane_waves(form))[:, :1], np.inf, u[:, :1]
         for _ in range(3):  # then the nearest mode is the largest part where it matters
             mode, _ = solver.solve(b, tolerance)
-            size = float(np.sum(mode * times_mass(form, mode)))
+            size = float(np.sum(mode * apply_mass(form, mode)))
             gap = float(np.sum(mode * b)) / size
-            b = times_mass(form, mode) / np.sqrt(size)
-        step, _ = solver.solve(times_mass(form, u), tolerance)
+            b = apply_mass(form, mode) / np.sqrt(size)
+        step, _ = solver.solve(apply_mass(form, u), tolerance)
     except ConvergenceError:
         return [
             "Whether an eigenvalue of the operator lies near zero, as at a resonance, could not be determined: the "

@@ -255,19 +255,19 @@ class Derivatives:
         if kind in SELECTIONS and any(derivative is not None for derivative in inner):
             zero = self.steps.number(0.0)
             slopes = [zero if derivative is None else derivative for derivative in inner]
-            return self._add(SELECTIONS[kind], places | dict(zip(("da", "db", "dc"), slopes, strict=False)))
+            return self._add_formula(SELECTIONS[kind], places | dict(zip(("da", "db", "dc"), slopes, strict=False)))
         total = None
         for partial, derivative in zip(PARTIALS.get(kind, ()), inner, strict=False):
             if derivative is not None:
-                term = self._times(self._add(partial, places), derivative)
+                term = self._multiply(self._add_formula(partial, places), derivative)
                 total = term if total is None else self.steps.apply("add", total, term)
         return total
 
-    def _add(self, text: str, places: dict[str, int]) -> int:
+    def _add_formula(self, text: str, places: dict[str, int]) -> int:
         """Return the place of the value of a formula, given the ``places`` of its variables by name."""
         return self.steps.add_tree(ast.parse(text, mode="eval").body, places)
 
-    def _times(self, a: int, b: int) -> int:
+    def _multiply(self, a: int, b: int) -> int:
         """Return the place of the product of the values at places a and b, without a product if one is 1 or -1."""
         for first, second in ((a, b), (b, a)):
             if self.steps.value(first) == 1.0:

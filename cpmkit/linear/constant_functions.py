@@ -41,7 +41,7 @@ class RowGroups:
 
     def sums(self, rows: Any) -> Any:
         """Return the sums (groups, ...) of ``rows`` (n, ...) by group."""
-        return self.reduced(np.add, rows)
+        return self.reduce_groups(np.add, rows)
 
     def products(self, left: Any, right: Any) -> Any:
         """Return ``left' right`` (groups, k, m) for the rows of each group of ``left`` (n, k) and ``right`` (n, m)."""
@@ -53,7 +53,7 @@ class RowGroups:
         """Return the Euclidean norms (groups, m) of the columns of ``rows`` (n, m), by group."""
         return np.asarray(np.sqrt(self.sums(np.abs(rows) ** 2)))
 
-    def reduced(self, operation: np.ufunc, rows: Any) -> Any:
+    def reduce_groups(self, operation: np.ufunc, rows: Any) -> Any:
         """Return ``rows`` (n, ...) reduced over each group by ``operation``, such as np.maximum: (groups, ...)."""
         return operation.reduceat(rows[self.order], self.starts, axis=0)
 
@@ -91,10 +91,10 @@ class ConstantFunctions:
         """
         each, at = self.pieces, self.pieces.spread_to_rows
         # By powers of two, so that squares of b neither overflow nor vanish.
-        exponent = np.clip(np.frexp(each.reduced(np.maximum, np.abs(b)))[1], -1000, 1000)
+        exponent = np.clip(np.frexp(each.reduce_groups(np.maximum, np.abs(b)))[1], -1000, 1000)
         b = b * at(np.ldexp(1.0, -exponent))
         size = each.norms(b)
-        shares, rest = self._separate(b)
+        shares, rest = self._separate_constants(b)
         remaining = each.norms(rest)
         whole = remaining > 0.5 * size  # then the residual relative to b differs little
         shares = np.where(whole[:, None], 0.0, shares)
@@ -113,16 +113,16 @@ class ConstantFunctions:
         reached = max(tolerance, float(reached)) if some.any() else tolerance
         start = None
         if guess is not None:
-            start = (guess * at(np.ldexp(1.0, -exponent)) - self._constant(shares)) * at(unit)
+            start = (guess * at(np.ldexp(1.0, -exponent)) - self._constant_part(shares)) * at(unit)
         v, report = prepared.solve(rest, reached, start, progress)
         report = replace(report, residual=report.residual * (tolerance / reached), tolerance=tolerance)
-        return (v * at(np.ldexp(1.0, level)) + self._constant(shares)) * at(np.ldexp(1.0, exponent)), report
+        return (v * at(np.ldexp(1.0, level)) + self._constant_part(shares)) * at(np.ldexp(1.0, exponent)), report
 
-    def _constant(self, shares: Any) -> Any:
+    def _constant_part(self, shares: Any) -> Any:
         """Return K c (n, channels) for the coefficients c (pieces, k, channels) of the k constant functions."""
         return np.einsum("nk,nkc->nc", self.functions, self.pieces.spread_to_rows(shares))
 
-    def _separate(self, b: Any) -> tuple[Any, Any]:
+    def _separate_constants(self, b: Any) -> tuple[Any, Any]:
         """Return the least squares solution c (pieces, k, channels) of ``A K c = b``, and ``b - A K c`` (n, channels).
 
         c solves the normal equations of each component for b (n, channels); a second step corrects the rounding of the
@@ -146,7 +146,7 @@ class ConstantFunctions:
         sums, sizes = np.abs(each.products(self.functions, b)), each.products(np.abs(self.functions), np.abs(b))
         denominators = each.sums(self.functions * self.images)[:, :, None]
         shift = np.divide(sums, np.abs(denominators), out=np.zeros_like(sums), where=denominators != 0)
-        ranges = each.reduced(np.maximum, u) - each.reduced(np.minimum, u)
+        ranges = each.reduce_groups(np.maximum, u) - each.reduce_groups(np.minimum, u)
         unknown = (np.abs(denominators) <= 1e-12 * self.sizes[:, :, None]) | (shift > ranges[:, None])
         affected = unknown & (sums <= 1e-6 * sizes) & (sizes > 0)  # it may consist of quadrature error only
         if not affected.any():

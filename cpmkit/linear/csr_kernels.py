@@ -46,7 +46,7 @@ def fill_residual(
 
 
 @compiled
-def step(
+def add_step(
     start: int,
     stop: int,
     pointers: Any,
@@ -73,7 +73,7 @@ def step(
 
 
 @compiled
-def restrict(pointers: Any, columns: Any, entries: Any, fine: Floats, coarse: Floats) -> None:
+def add_transposed(pointers: Any, columns: Any, entries: Any, fine: Floats, coarse: Floats) -> None:
     """Add ``P' fine`` to ``coarse`` (m, channels), P (n, m) given by its CSR arrays and ``fine`` (n, channels)."""
     for i in range(len(fine)):
         for k in range(pointers[i], pointers[i + 1]):
@@ -82,7 +82,7 @@ def restrict(pointers: Any, columns: Any, entries: Any, fine: Floats, coarse: Fl
 
 
 @compiled
-def prolong(start: int, stop: int, pointers: Any, columns: Any, entries: Any, coarse: Floats, fine: Floats) -> None:
+def add_product(start: int, stop: int, pointers: Any, columns: Any, entries: Any, coarse: Floats, fine: Floats) -> None:
     """Add rows ``start`` to ``stop`` - 1 of ``P coarse`` to ``fine`` (n, channels), P (n, m) by its CSR arrays."""
     for i in range(start, stop):
         for m in range(fine.shape[1]):

@@ -72,29 +72,29 @@ class UnsignedCsr:
         out = self.residual(x, np.zeros((len(self), x.shape[1])))
         return np.negative(out, out=out)
 
-    def step(self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats) -> Floats:
+    def add_step(self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats) -> Floats:
         """Return x + ``move``, after ``move`` is set to ``momentum move + factor D^-1 (b - A x)``, all (n, channels).
 
         ``move`` is changed in place. ``inverse`` (n,) is the diagonal of D^-1.
         """
-        from cpmkit.linear.csr_kernels import step
+        from cpmkit.linear.csr_kernels import add_step
 
         out = np.empty_like(x)
-        self._run_on_parcels(step, x, b, inverse, momentum, factor, move, out)
+        self._run_on_parcels(add_step, x, b, inverse, momentum, factor, move, out)
         return out
 
     def add_product(self, fine: Floats, coarse: Floats) -> None:
         """Add ``A coarse`` to ``fine`` (n, channels) in place, for ``coarse`` (m, channels)."""
-        from cpmkit.linear.csr_kernels import prolong
+        from cpmkit.linear.csr_kernels import add_product
 
-        self._run_on_parcels(prolong, coarse, fine)
+        self._run_on_parcels(add_product, coarse, fine)
 
     def apply_transposed(self, fine: Floats) -> Floats:
         """Return ``A' fine`` (m, channels) for ``fine`` (n, channels)."""
-        from cpmkit.linear.csr_kernels import restrict
+        from cpmkit.linear.csr_kernels import add_transposed
 
         coarse = np.zeros((self.width, fine.shape[1]))
-        restrict(self.pointers, self.columns, self.entries, fine, coarse)
+        add_transposed(self.pointers, self.columns, self.entries, fine, coarse)
         return coarse
 
     def _run_on_parcels(self, kernel: Callable[..., Any], *arguments: Any) -> None:

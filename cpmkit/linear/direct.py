@@ -35,7 +35,7 @@ class Cholesky:
         return np.ascontiguousarray(u.T).reshape(b.shape)
 
 
-def cholesky(matrix: SparseMatrix) -> Cholesky | None:
+def dense_cholesky(matrix: SparseMatrix) -> Cholesky | None:
     """Return the dense Cholesky factor of a symmetric matrix of up to 640 unknowns, None if it has none or is sparse.
 
     It has none if it is not positive definite, or complex (complex shifts are symmetric, not Hermitian). Sparse factors
@@ -74,7 +74,7 @@ def factorize_symmetric(matrix: SparseMatrix, where: str, positive: bool = True)
     Raises IndefiniteError if the matrix is singular, or not positive definite although it is to be ``positive``; the
     message ends with ``where``, the part of the system that it belongs to.
     """
-    dense = cholesky(matrix) if positive else None
+    dense = dense_cholesky(matrix) if positive else None
     if dense is not None:
         return dense
     try:
@@ -128,7 +128,7 @@ def factorize_operator(operator: Operator) -> Any:
 
 def _dense_or_sparse_factors(matrix: SparseMatrix, operator: Operator) -> Any:
     """Return dense factors of an operator's ``matrix`` if it is small, symmetric and positive, else SuperLU's."""
-    dense = cholesky(matrix) if operator.symmetric else None
+    dense = dense_cholesky(matrix) if operator.symmetric else None
     return factorize_matrix(matrix, has_symmetric_pattern(operator)) if dense is None else dense
 
 

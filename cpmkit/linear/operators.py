@@ -123,11 +123,11 @@ class CsrOperator:
 
     def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> CsrOperator:
         """Return the operator ``M + factor A``; M is the identity if ``mass`` is None."""
-        return _sum_of(1.0, mass, factor, self)
+        return _weighted_sum(1.0, mass, factor, self)
 
     def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> CsrOperator:
         """Return the operator ``A - shift M``; M is the identity if ``mass`` is None."""
-        return _sum_of(-shift, mass, 1.0, self)
+        return _weighted_sum(-shift, mass, 1.0, self)
 
 
 def connected_unknowns(count: int, matrices: Iterable[tuple[SparseMatrix, int, int]]) -> tuple[int, Ints]:
@@ -144,7 +144,7 @@ def connected_unknowns(count: int, matrices: Iterable[tuple[SparseMatrix, int, i
     return label_sets(parent)
 
 
-def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOperator) -> CsrOperator:
+def _weighted_sum(weight: float, mass: Operator | None, factor: float, operator: CsrOperator) -> CsrOperator:
     """Return the operator ``factor A + weight M``, not marked as ``indefinite``; M is the identity without ``mass``."""
     symmetric = operator.symmetric and (mass is None or mass.symmetric)
     pattern = operator.symmetric_pattern

@@ -43,7 +43,7 @@ ROUNDING_FACTOR = 4.0
 MAX_ROUNDING_SHARE = 1e-6
 
 
-def rounding_of(operator: Operator, u: Floats) -> Floats:
+def rounding_bound(operator: Operator, u: Floats) -> Floats:
     """Return ``|A| |u|`` (n, channels) for u (n, channels): times machine epsilon it bounds the rounding of ``A u``."""
     rounding = abs(operator.to_csr()) @ np.abs(u)
     bordered = as_bordered(operator)
@@ -68,13 +68,13 @@ def judge(
     ``solver``, ``iterations`` and ``applications`` of A go into the report. Raises ConvergenceError if a relative
     residual is above the ``tolerance`` and above what rounding leaves; the message ends with ``remedy``.
     """
-    residuals = _relative_to(b, b - operator.apply(u))
+    residuals = _relative_norms(b, b - operator.apply(u))
     residual = float(np.max(residuals, initial=0.0))
     converged = residual <= tolerance
     reason = f"relative residual {residual:.2e} after {iterations} iterations, tolerance {tolerance:.2e}"
     if not converged and residual <= MAX_ROUNDING_SHARE:
         eps = ROUNDING_FACTOR * float(np.finfo(float).eps)
-        limits = eps * _relative_to(b, rounding_of(operator, u) + np.abs(b))
+        limits = eps * _relative_norms(b, rounding_bound(operator, u) + np.abs(b))
         converged = bool((residuals <= np.maximum(tolerance, limits)).all())
         reason += f", {float(limits.max()):.2e} left by rounding"
     report = SolveReport(solver, converged, iterations, applications, residual, tolerance, reason)
@@ -83,7 +83,7 @@ def judge(
     return report
 
 
-def _relative_to(b: Floats, part: Floats) -> Floats:
+def _relative_norms(b: Floats, part: Floats) -> Floats:
     """Return norms (channels,) of columns of ``part`` over those of b, both (n, channels); 0 / 0 is 0, x / 0 inf."""
     defect, size = np.linalg.norm(part, axis=0), np.linalg.norm(b, axis=0)
     return np.asarray(np.divide(defect, size, out=np.where(defect == 0, 0.0, np.inf), where=size > 0))

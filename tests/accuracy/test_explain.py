@@ -55,22 +55,22 @@ def test_each_part_has_its_reason_and_what_is_not_required_is_not_built():
 
 def test_nothing_is_requested_of_a_surface_that_a_scene_does_not_require():
     """No boundary and a closed surface: cells and nodes are asked for, nothing else."""
-    from layouts import lay_out
+    from layouts import build_layout
 
     from cpmkit.plugin import cell_levels, localize
 
     sphere = ck.source("analytic.sphere")
-    layout = lay_out(ck.Scene(sphere, ck.ScreenedPoisson(1.0)), 0.1)
+    layout = build_layout(ck.Scene(sphere, ck.ScreenedPoisson(1.0)), 0.1)
     counted = localize(sphere, np.zeros(3))
     list(cell_levels(counted, 0.1, 0.0))
     assert layout.queries["surface"] == counted.queries["points"] + len(layout.band.nodes)
 
 
 def test_order_one_makes_no_mirror_query():
-    from layouts import lay_out
+    from layouts import build_layout
 
     scene, _, _ = sphere_poisson([[1.0, 2.0, 3.0]])
-    assert lay_out(scene, 0.1, order=1).queries["surface"] < lay_out(scene, 0.1).queries["surface"]
+    assert build_layout(scene, 0.1, order=1).queries["surface"] < build_layout(scene, 0.1).queries["surface"]
 
 
 def test_an_option_that_solve_would_refuse_is_refused():

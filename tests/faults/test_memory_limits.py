@@ -131,7 +131,7 @@ def test_memory_that_runs_out_in_a_solve_is_one_sentence(monkeypatch, raised, fo
         raise raised
 
     monkeypatch.setattr("scipy.sparse.linalg.splu", fail)
-    monkeypatch.setattr("cpmkit.linear.direct.cholesky", fail)
+    monkeypatch.setattr("cpmkit.linear.direct.dense_cholesky", fail)
     with pytest.raises(ck.ResolutionError) as error:
         ck.solve(scene(), 0.3, form=form, solver="direct")
     one_sentence(error, "Memory ran out at spacing=0.3", "unknowns need", "'direct'", "try spacing=0.45 or more")
@@ -158,7 +158,7 @@ def test_an_allocation_that_fails_lets_go_of_the_tables(monkeypatch, form):
 @pytest.mark.parametrize(
     ("form", "step"),
     [
-        ("collocation", "cpmkit.forms.collocation.collocation_cost.lay_out"),
+        ("collocation", "cpmkit.forms.collocation.collocation_cost.build_layout"),
         ("galerkin", "cpmkit.forms.galerkin.discretize_scene.discretize"),
     ],
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 from bare import Bare
-from layouts import lay_out
+from layouts import build_layout
 
 import cpmkit as ck
 from cpmkit.scene.oriented import orient
@@ -52,7 +52,7 @@ def test_signs_are_found_once_whatever_the_spacings_and_lattices():
     assert found.tolist() == list(left.queries)
     assert 0 < found.sum() < 60 * len(left.signs.points)
     for spacing, origin in ((0.25, None), (0.2, [0.01, 0.0, 0.02]), (0.16, None), (0.25, None)):
-        first, again = (queries(scene, lay_out, spacing=spacing, origin=origin) for scene in (bare_scene(), kept))
+        first, again = (queries(scene, build_layout, spacing=spacing, origin=origin) for scene in (bare_scene(), kept))
         assert (first - again).tolist() == found.tolist()
     assert kept.oriented(kept.boundaries[0]).left is left
 
@@ -71,7 +71,7 @@ def test_all_spacings_and_the_boundary_itself_agree_on_left():
         itself = scene.oriented(boundary)
         signs = [np.sign(itself.signed_distance(points - itself.left.origin, 0.01))]
         for spacing, origin in ((0.2, None), (0.13, [0.03, 0.01, 0.0])):
-            layout = lay_out(scene, spacing, origin=origin)
+            layout = build_layout(scene, spacing, origin=origin)
             view = layout.boundaries.on_lattice[0].side_view(layout.lattice.to_local(points), np.inf, spacing)
             signs.append(np.sign(view.signed))
         up = np.sign(points[:, 2] - 0.3) * np.sign(boundary.left_of[2])

@@ -47,7 +47,7 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
     target = 0.5 * iteration.context.tolerance  # residuals are recomputed at the end
     start = np.random.default_rng(0).normal(size=(iteration.operator.size, width))
     first = iteration.apply_preconditioner(iteration.apply_mass(start))
-    block = _block_of(iteration, _orthonormal(iteration, first))
+    block = _make_block(iteration, _orthonormalise(iteration, first))
     theta, block, past = _rayleigh_ritz([block], block.functions.shape[1], np.zeros(0, dtype=np.int64))
     active = np.arange(len(theta))
     for _ in range(MOST_ROUNDS):
@@ -57,7 +57,7 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
         active, correction = active[unconverged], correction[:, unconverged]
         if not np.any(active < count):
             return EigenPairs(iteration.shift + 1 / theta, block.functions)
-        further = _block_of(iteration, _orthonormal(iteration, correction, [block, past]))
+        further = _make_block(iteration, _orthonormalise(iteration, correction, [block, past]))
         theta, block, past = _rayleigh_ritz([block, past, further], len(theta), active)
     change, tolerance = float(changes[unconverged].max()), iteration.context.tolerance
     reason = f"functions change by {change:.2e} of their size after {MOST_ROUNDS} rounds, tolerance {tolerance:.2e}"
@@ -80,7 +80,7 @@ def block_changes(iteration: InverseIteration, values: Floats, functions: Floats
 
     ``values`` (k,) are their eigenvalues.
     """
-    theta, block = 1 / (values - iteration.shift), _block_of(iteration, functions)
+    theta, block = 1 / (values - iteration.shift), _make_block(iteration, functions)
     correction = iteration.apply_preconditioner(block.images - block.energies * theta)
     return _relative_changes(iteration, correction, theta, functions)
 
@@ -92,13 +92,13 @@ def _relative_changes(iteration: InverseIteration, corrections: Floats, theta: F
     return np.asarray(np.sqrt(squares[0] / squares[1]) / np.abs(theta))
 
 
-def _block_of(iteration: InverseIteration, functions: Floats) -> FunctionBlock:
+def _make_block(iteration: InverseIteration, functions: Floats) -> FunctionBlock:
     """Return the block of ``functions`` (n, k) with its products, which are counted in ``iteration.products``."""
     iteration.products += functions.shape[1]
     return FunctionBlock(functions, iteration.operator.apply(functions), iteration.apply_mass(functions))
 
 
-def _orthonormal(iteration: InverseIteration, functions: Floats, blocks: Sequence[FunctionBlock] = ()) -> Floats:
+def _orthonormalise(iteration: InverseIteration, functions: Floats, blocks: Sequence[FunctionBlock] = ()) -> Floats:
     """Return combinations (n, m) of ``functions`` (n, k) orthonormal in energy, and orthogonal to ``blocks``.
 
     m is less than k if the functions and blocks are linearly dependent. Orthogonalisation is done twice, because of
@@ -151,10 +151,10 @@ def _rayleigh_ritz(
     for _ in range(2 if len(active) else 0):
         outside -= best @ (best.T @ (gram @ outside))
         outside = outside @ _root_inverse(outside.T @ gram @ outside)
-    return theta, _combine(blocks, best), _combine(blocks, outside)
+    return theta, _combine_blocks(blocks, best), _combine_blocks(blocks, outside)
 
 
-def _combine(blocks: Sequence[FunctionBlock], weights: Floats) -> FunctionBlock:
+def _combine_blocks(blocks: Sequence[FunctionBlock], weights: Floats) -> FunctionBlock:
     """Return the linear combinations, with ``weights`` (k, m), of the k functions of all blocks together."""
     parts = np.split(weights, np.cumsum([block.functions.shape[1] for block in blocks])[:-1])
     pairs = list(zip(blocks, parts, strict=True))

@@ -120,13 +120,13 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
     shift = near - distance * unit
     if problem.near is None and stiffness.symmetric and form.traits.iterative_solver != "multigrid":
         key = ("below", operator_key(problem.terms()), shift)
-        shift = context.cache.get(key, _below_spectrum, stiffness, mass, shift, unit)
+        shift = context.cache.get(key, _shift_below_spectrum, stiffness, mass, shift, unit)
     key = ("less", operator_key(problem.terms()), shift)
     operator, prepared = context.cache.get(key, _prepare_shifted, context, stiffness, shift, mass)
     return InverseIteration(context, operator, prepared, mass, shift, unit)
 
 
-def _below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> float:
+def _shift_below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> float:
     """Return a number below all eigenvalues: ``shift`` itself, or a lower number, by steps from 4 ``unit`` on.
 
     ``stiffness`` is A, ``mass`` B or None for the identity. Conditions that add energy may cause eigenvalues far below

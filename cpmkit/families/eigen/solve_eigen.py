@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.families.context import SolveContext, surely_positive
+from cpmkit.families.context import SolveContext, is_nonnegative
 from cpmkit.families.eigen.block_iteration import block_changes, block_pairs
 from cpmkit.families.eigen.inverse_iteration import (
     SAME_EIGENVALUE_TOLERANCES,
@@ -22,7 +22,7 @@ from cpmkit.families.eigen.inverse_iteration import (
     pairs_of_small_mass,
 )
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.residuals import MAX_ROUNDING_SHARE, ROUNDING_FACTOR, SolveReport, rounding_of
+from cpmkit.linear.residuals import MAX_ROUNDING_SHARE, ROUNDING_FACTOR, SolveReport, rounding_bound
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.modes import EigenRecord
@@ -64,7 +64,7 @@ def solve_eigen(context: SolveContext) -> EigenRecord:
 
 def _check_signs(form: Discretized, least: float, negligible: float) -> None:
     """Raise ResolutionError if the ``least`` eigenvalue is below ``-negligible``, but no exact one is negative."""
-    if least < -negligible and surely_positive(form):
+    if least < -negligible and is_nonnegative(form):
         raise ResolutionError(
             f"spacing={form.spacing:g} is too coarse for this surface: parts of it about two spacings thick read each "
             f"other, and the operator of {form.scene.problem} has an eigenvalue of the wrong sign, {least:.3g}; use "
@@ -187,7 +187,7 @@ def _rounding_change(iteration: InverseIteration, modes: Modes) -> float:
     """
     functions = modes.functions
     distance = np.abs(modes.values - iteration.shift)
-    bound = rounding_of(iteration.operator, functions) + distance * np.abs(iteration.apply_mass(functions))
+    bound = rounding_bound(iteration.operator, functions) + distance * np.abs(iteration.apply_mass(functions))
     signs = np.random.default_rng(0).choice([-1.0, 1.0], bound.shape)
     change = iteration.apply_inverse(ROUNDING_FACTOR * np.finfo(float).eps * bound * signs)
     return float(np.sqrt(_mean_squares(iteration, change) / _mean_squares(iteration, functions)).max())
@@ -210,7 +210,7 @@ SPLIT_MULTIPLET = "ends inside a multiplet"
 
 
 def split_multiplet_warning(problem: Eigen, values: Floats, shift: float) -> list[str]:
-    """Return a warning in a list if an eigenvalue that is left out is nearly equal to a returned one; else [].
+    """Return a warning in a list if an eigenvalue that is left out is within 1e-3 of a returned one; else [].
 
     ``values`` (k,) are more eigenvalues than ``problem`` requests, in any order; differences are relative to their
     distance from ``shift``.
@@ -230,7 +230,7 @@ def split_multiplet_warning(problem: Eigen, values: Floats, shift: float) -> lis
     ]
 
 
-def fewer_modes(solution: EigenRecord, scene: Scene) -> EigenRecord:
+def keep_requested_modes(solution: EigenRecord, scene: Scene) -> EigenRecord:
     """Return ``solution`` with only the modes that ``scene`` requests; itself if the scene requests as many or more."""
     problem, values = cast("Eigen", scene.problem), solution.eigenvalues
     if problem.count >= len(values):

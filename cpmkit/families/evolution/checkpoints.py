@@ -19,7 +19,7 @@ from cpmkit.families.evolution.semidiscrete import (
     RunPlan,
     RunState,
     SolveTally,
-    after_step,
+    apply_after_step,
 )
 from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
 from cpmkit.files.plain_values import record_from_table
@@ -155,7 +155,7 @@ def digest_run(plan: RunPlan, time: float) -> str:
     probe = np.random.default_rng(0).normal(size=(problem.form.size, 1))
     tables = [array for group in problem.groups for array in (group.stiffness.apply(probe), group.stiffness.diagonal)]
     data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(start.time), problem.forcing(time)]
-    data += [after_step(problem.form, plan.evolution, replace(start, time=when)).u for when in (start.time, time)]
+    data += [apply_after_step(problem.form, plan.evolution, replace(start, time=when)).u for when in (start.time, time)]
     if problem.reaction is not None:
         data += [problem.reaction_load(replace(start, u=start.u.copy(), time=when)) for when in (start.time, time)]
     digest = hashlib.blake2b(digest_size=16)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.families.context import surely_positive
+from cpmkit.families.context import is_nonnegative
 from cpmkit.families.evolution import semidiscrete
 from cpmkit.forms.contract import Discretized
 from cpmkit.scene.compound_equations import ReactionDiffusion
@@ -62,7 +62,7 @@ def wave_energy(problem: semidiscrete.SemiDiscrete, moment: semidiscrete.Moment)
     """
     if moment.rate is None or not problem.stiffness.symmetric:
         return None
-    kinetic = 0.5 * np.sum(moment.rate * problem.times_mass(moment.rate), axis=0)
+    kinetic = 0.5 * np.sum(moment.rate * problem.apply_mass(moment.rate), axis=0)
     force = 0.5 * problem.stiffness.apply(moment.u) - problem.forcing(moment.time)
     return np.asarray(kinetic + np.sum(moment.u * force, axis=0))
 
@@ -78,7 +78,7 @@ def growth_check(plan: semidiscrete.RunPlan) -> Callable[[Floats, float], None] 
     problem, evolution, start, form = plan.problem, plan.evolution, plan.start, plan.problem.form
     if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
         return None
-    if problem.depends_on_time or form.mass is not None or not surely_positive(form):
+    if problem.depends_on_time or form.mass is not None or not is_nonnegative(form):
         return None
     first, rate, push = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady_forcing)), 0.0
     if start.rate is not None:
@@ -200,8 +200,8 @@ def _unresolved_wave_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.
         return []
     if problem.form.mass_in_time is None:
         u = history[-1].u
-        largest = semidiscrete.largest_eigenvalue(problem, evolution.speed)
-        sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / largest
+        largest = semidiscrete.largest_lattice_eigenvalue(problem, evolution.speed)
+        sharpness = float(np.linalg.norm(problem.net_forcing(u, evolution.until))) / largest
         if sharpness <= 0.4 * float(np.linalg.norm(u)):  # for waves that grow it is 0.49, for a jump 0.3
             return []
         return [

@@ -57,7 +57,7 @@ History = Sequence[Moment]
 
 
 def schedule(until: float, step: float, frames: Sequence[float], start: float = 0.0) -> list[Step]:
-    """Return the steps of length ``step`` or less from ``start`` to ``until``, with an end at each time of ``frames``.
+    """Return the steps of length ``step`` or less from ``start`` to ``until``, with ends at the later of ``frames``.
 
     Examples
     --------
@@ -112,7 +112,7 @@ class RunState:
         return replace(self, frames=(*self.frames, u), energies=energies)
 
 
-def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:
+def apply_after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:
     """Return ``moment`` with u changed by ``evolution.after_step``; itself if there is no such function or change."""
     if evolution.after_step is None:
         return moment
@@ -223,18 +223,18 @@ class SemiDiscrete:
         self._reactions[:] = [*self._reactions[-1:], (moment.u, load)]
         return load
 
-    def times_mass(self, u: Floats) -> Floats:
+    def apply_mass(self, u: Floats) -> Floats:
         """Return M u (n, k) for u (n, k) and the form's ``mass_in_time`` M; u itself if there is none."""
         mass = self.form.mass_in_time
         return u if mass is None else mass.apply(u)
 
-    def rate(self, u: Floats, time: float) -> Floats:
+    def net_forcing(self, u: Floats, time: float) -> Floats:
         """Return -A u + b(time), which is M u' or M u'' without a reaction, (n, channels)."""
         applied = self.compute_by_group(lambda group: group.stiffness.apply(self.columns(group, u)))
         return np.asarray(self.forcing(time) - applied)
 
 
-def largest_eigenvalue(problem: SemiDiscrete, speed: float) -> float:
+def largest_lattice_eigenvalue(problem: SemiDiscrete, speed: float) -> float:
     """Return the largest eigenvalue of ``-speed^2 Lap`` for second-order differences in space on the form's lattice."""
     return float(4 * problem.form.scene.surface.dim * speed**2 / problem.form.spacing**2)
 
@@ -294,7 +294,7 @@ class ShiftedSolver:
         if closed is None:
             return u
         indicator, masses = closed
-        excess = indicator.T @ (right_side - self.problem.times_mass(u))
+        excess = indicator.T @ (right_side - self.problem.apply_mass(u))
         return np.asarray(u + indicator @ np.linalg.solve(masses, excess))
 
     @cached_property
@@ -309,7 +309,7 @@ class ShiftedSolver:
             of_group = None
             if free is not None:
                 B = free.indicator
-                of_group = B, np.asarray(B.T @ self.problem.times_mass(B.toarray()))
+                of_group = B, np.asarray(B.T @ self.problem.apply_mass(B.toarray()))
             pieces.append(of_group)
         return pieces
 

@@ -45,8 +45,8 @@ from cpmkit.families.evolution.semidiscrete import (
     ShiftedSolver,
     SolveTally,
     Step,
-    after_step,
-    largest_eigenvalue,
+    apply_after_step,
+    largest_lattice_eigenvalue,
     rate_of_change,
     schedule,
 )
@@ -63,10 +63,10 @@ LEAPFROG_DAMPING = 0.8
 def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
     """Return the moment at the end of ``step`` by backward Euler, from the last of the moments ``history``."""
     h = step.length
-    right_side = problem.times_mass(history[-1].u) + h * problem.forcing(step.end)
+    right_side = problem.apply_mass(history[-1].u) + h * problem.forcing(step.end)
     if problem.reaction is not None:
         right_side += h * problem.reaction_load(history[-1])
-    return Moment(solver.solve(h, right_side, extrapolate(history, h)), None, h, time=step.end)
+    return Moment(solver.solve(h, right_side, extrapolate_moments(history, h)), None, h, time=step.end)
 
 
 def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
@@ -76,21 +76,21 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
     """
     before, ratio = previous_moment(history, step.length)
     if before is None:
-        return half_steps(problem, solver, history, step)
+        return euler_half_steps(problem, solver, history, step)
     gh = (1 + ratio) / (1 + 2 * ratio) * step.length
-    right_side = problem.times_mass(bdf2_start(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
+    right_side = problem.apply_mass(bdf2_start(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
     if problem.reaction is not None:
         now, past = problem.reaction_load(history[-1]), problem.reaction_load(before)
         right_side += gh * (now + ratio * (now - past))
-    return Moment(solver.solve(gh, right_side, extrapolate(history, step.length)), None, step.length)
+    return Moment(solver.solve(gh, right_side, extrapolate_moments(history, step.length)), None, step.length)
 
 
 def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
     """Return the moment at the end of ``step`` by Crank-Nicolson, from the last of the moments ``history``."""
     half, u = 0.5 * step.length, history[-1].u
     solver.tally.operator_applications += u.shape[1]
-    right_side = problem.times_mass(u) + half * (problem.rate(u, step.start) + problem.forcing(step.end))
-    return Moment(solver.solve(half, right_side, extrapolate(history, step.length)), None, step.length)
+    right_side = problem.apply_mass(u) + half * (problem.net_forcing(u, step.start) + problem.forcing(step.end))
+    return Moment(solver.solve(half, right_side, extrapolate_moments(history, step.length)), None, step.length)
 
 
 def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
@@ -101,10 +101,10 @@ def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history:
     """
     if len(history) > 1:
         return crank_nicolson(problem, solver, history, step)
-    return half_steps(problem, solver, history, step)
+    return euler_half_steps(problem, solver, history, step)
 
 
-def half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+def euler_half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
     """Return the moment at the end of ``step`` by two half steps of backward Euler, from the last of ``history``."""
     half, middle = 0.5 * step.length, 0.5 * (step.start + step.end)
     first = backward_euler(problem, solver, history, Step(step.start, middle, half, False))
@@ -134,7 +134,7 @@ def bdf2_start(now: Floats, before: Floats, ratio: float) -> Floats:
     return np.asarray(((1 + ratio) ** 2 * now - ratio**2 * before) / (1 + 2 * ratio))
 
 
-def extrapolate(history: History, length: float) -> Floats:
+def extrapolate_moments(history: History, length: float) -> Floats:
     """Return u (n, channels) at ``length`` after the last of ``history``, by the polynomial through all its moments."""
     times = -np.cumsum([0.0, *(moment.length for moment in history[:0:-1])])
     values = np.zeros_like(history[-1].u)
@@ -149,9 +149,9 @@ def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step
     now, h = history[-1], step.length
     assert now.rate is not None
     solver.tally.operator_applications += now.u.shape[1]
-    force = problem.rate(now.u, step.start) + problem.forcing(step.end)
-    right_side = problem.times_mass(now.u + h * now.rate) + 0.25 * h**2 * force
-    u = solver.solve(0.25 * h**2, right_side, extrapolate(history, h))
+    force = problem.net_forcing(now.u, step.start) + problem.forcing(step.end)
+    right_side = problem.apply_mass(now.u + h * now.rate) + 0.25 * h**2 * force
+    u = solver.solve(0.25 * h**2, right_side, extrapolate_moments(history, h))
     return Moment(u, 2 / h * (u - now.u) - now.rate, h)
 
 
@@ -163,12 +163,12 @@ def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, ste
     """
     now = history[-1]
     assert now.rate is not None
-    acceleration = problem.rate(now.u, step.start)
+    acceleration = problem.net_forcing(now.u, step.start)
     rate = now.rate + 0.5 * (now.length + step.length) * acceleration
     if now.acceleration is not None:
         # ``-h eps A^2 v0``; the rate of change of -A u0 + b0 is -A v0 including boundary data
         wave = cast("Wave", problem.form.scene.problem)
-        largest, dim = largest_eigenvalue(problem, wave.speed), problem.form.scene.surface.dim
+        largest, dim = largest_lattice_eigenvalue(problem, wave.speed), problem.form.scene.surface.dim
         strength = LEAPFROG_DAMPING * step.length * np.sqrt(largest / (4 * dim))
         jerk = (acceleration - now.acceleration) / now.length
         rate += strength / largest**2 * problem.stiffness.apply(jerk)
@@ -187,8 +187,8 @@ def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History
         assert before.rate is not None
         gh = (1 + ratio) / (1 + 2 * ratio) * step.length
         u, rate = bdf2_start(now.u, before.u, ratio), bdf2_start(now.rate, before.rate, ratio)
-    right_side = problem.times_mass(u + gh * rate) + gh**2 * problem.forcing(step.end)
-    values = solver.solve(gh**2, right_side, extrapolate(history, step.length))
+    right_side = problem.apply_mass(u + gh * rate) + gh**2 * problem.forcing(step.end)
+    values = solver.solve(gh**2, right_side, extrapolate_moments(history, step.length))
     return Moment(values, (values - u) / gh, step.length)
 
 
@@ -218,7 +218,7 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     form.check(context.solver_name)
     if evolution.scheme in ("leapfrog", "newmark"):
         require_ability(form, "explicit steps" if evolution.scheme == "leapfrog" else "undamped steps")
-    problem = semidiscrete(form, evolution)
+    problem = build_semidiscrete(form, evolution)
     check_frames_fit(len(evolution.frame_times), form.size, form.scene.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times, evolution.t0)
     t0, rate, initial = evolution.t0, None, cast("Heat | ReactionDiffusion | Wave", evolution).initial
@@ -228,11 +228,11 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     plan = RunPlan(problem, evolution, steps, Moment(u, rate, 0.0, time=t0))
     solver = ShiftedSolver(problem, context)
     built = time.perf_counter()
-    state = _run(context, plan, solver)
+    state = _run_steps(context, plan, solver)
     return _solution_at_end(context, plan, state, solver.tally, built)
 
 
-def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
+def build_semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
     """Return an equation in time discretised in space, with one operator for all channels whose terms are equal."""
     groups_of_channels = [(tuple(range(form.scene.channels)), evolution.terms())]
     reaction: Any = None
@@ -242,7 +242,7 @@ def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
     return SemiDiscrete(form, groups, evolution.terms().f, reaction)
 
 
-def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
+def _run_steps(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
     """Take all steps, or steps up to rest, from the start or a checkpoint, write checkpoints; return the last state."""
     target, total, evolution = context.checkpointing, len(plan.steps), plan.evolution
     scheme = SCHEMES[evolution.scheme]
@@ -293,7 +293,7 @@ def _take_step(
         )
     if check_growth is not None:
         check_growth(moment.u, step.end)
-    moment = after_step(plan.problem.form, plan.evolution, replace(moment, time=step.end))
+    moment = apply_after_step(plan.problem.form, plan.evolution, replace(moment, time=step.end))
     history = (*state.history, moment)[-REMEMBERED_MOMENTS:]
     later = replace(state, done=state.done + 1, history=history)
     return later.with_frame(moment.u, wave_energy(plan.problem, moment)) if step.is_frame else later

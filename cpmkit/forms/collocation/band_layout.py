@@ -74,7 +74,7 @@ class Layout:
         return counts
 
 
-def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Layout:
+def build_layout(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Layout:
     """Return the layout of a scene: its unknowns on a lattice, and the formulas of their rows in the matrix E.
 
     ``progress`` is called with stages and the shares done. Raises InputError, SceneError or ResolutionError if the
@@ -98,7 +98,7 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
     return _with_meetings(layout, scene.problem.start_time)
 
 
-def with_data_of(layout: Layout, scene: Scene) -> Layout:
+def replace_data(layout: Layout, scene: Scene) -> Layout:
     """Return the layout with the data of ``scene``, which differs from the layout's scene only in equation and data."""
     boundaries = replace(layout.boundaries, definitions=scene.boundaries)
     return _with_meetings(replace(layout, boundaries=boundaries, channels=scene.channels), scene.problem.start_time)
@@ -184,7 +184,7 @@ def extension_matrix(
     return matrix_of_rows(weights, columns, unknowns.count)
 
 
-def extend_rows(
+def build_extension(
     layout: Layout, progress: Progress = no_progress
 ) -> tuple[SparseMatrix, Sequence[BoundaryData], Centres]:
     """Return E (rows, unknowns), the boundary data added to E u, and the stencils' centres, of all rows of a layout.

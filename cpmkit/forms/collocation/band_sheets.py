@@ -44,9 +44,9 @@ def same_sheet(
 
     On a smooth sheet the chord between two points is at right angles to the mean of their normals, up to the third
     order of its length: so ``|chord . (n + n')| / 2`` is small for any curvature, while between parallel sheets it is
-    their distance. Across a crease it is at most ``|chord| |n - n'| / 2``, which is added to the tolerance. Normals
-    that are not ``signed`` are turned to the same direction. A ``slope`` above zero increases the tolerance by that
-    multiple of the chord, for points farther apart than the width of a stencil.
+    their distance. Across a crease it is at most ``|chord| |n - n'| / 2``, which is added to the tolerance of half a
+    ``spacing``. Normals that are not ``signed`` are turned to the same direction. A ``slope`` above zero increases the
+    tolerance by that multiple of the chord, for points farther apart than the width of a stencil.
     """
     if not signed:
         along = np.sum(normals * other_normals, axis=-1, keepdims=True)
@@ -104,7 +104,7 @@ class Sheets:
         """Whether the sign of the surface's normals is consistent everywhere."""
         return has_signed_normals(self.source)
 
-    def counts(self, sites: Ints) -> Ints:
+    def twin_counts(self, sites: Ints) -> Ints:
         """Return the number of twins (...) of each of ``sites`` (...)."""
         return np.asarray(self.first[sites + 1] - self.first[sites])
 
@@ -122,26 +122,26 @@ class Sheets:
         Returned ``missing``: row (m,) and column (m,) of the entries without a site on the stencil's own sheet.
         """
         selected = columns.copy()
-        row, column = np.nonzero(np.ones_like(columns) if every else self.counts(columns))
+        row, column = np.nonzero(np.ones_like(columns) if every else self.twin_counts(columns))
         site = columns[row, column]
-        foreign = ~self._on_sheet(at.points[row], normals[row], site)
+        foreign = ~self._is_on_sheet(at.points[row], normals[row], site)
         row, column, site = row[foreign], column[foreign], site[foreign]
         replacement = np.full(len(row), -1)
-        for entry, twin in self._twins_of(site):
+        for entry, twin in self._iterate_twins(site):
             open_entry = (replacement[entry] < 0) & readable[twin]
             entry, twin = entry[open_entry], twin[open_entry]
-            on_sheet = self._on_sheet(at.points[row[entry]], normals[row[entry]], twin)
+            on_sheet = self._is_on_sheet(at.points[row[entry]], normals[row[entry]], twin)
             replacement[entry[on_sheet]] = twin[on_sheet]
         selected[row, column] = np.where(replacement >= 0, replacement, site)
         return selected, (row[replacement < 0], column[replacement < 0])
 
-    def _on_sheet(self, feet: Floats, normals: Floats, site: Ints) -> Bools:
+    def _is_on_sheet(self, feet: Floats, normals: Floats, site: Ints) -> Bools:
         """Return whether (k,) each ``site`` (k,) is on the sheet of a surface point with normal, each (k, d)."""
         return same_sheet(feet, normals, self.feet.points[site], self.normals[site], self.spacing, self.signed)
 
-    def _twins_of(self, site: Ints) -> Iterator[tuple[Ints, Ints]]:
+    def _iterate_twins(self, site: Ints) -> Iterator[tuple[Ints, Ints]]:
         """Yield for j = 0, 1, ... the indices in ``site`` (k,) of the sites with over j twins, and their j-th twins."""
-        count = self.counts(site)
+        count = self.twin_counts(site)
         for index in range(int(count.max(initial=0))):
             entries = np.flatnonzero(count > index)
             yield entries, self.twins[self.first[site[entries]] + index]
@@ -192,7 +192,7 @@ class BoundaryOnSheets:
     spacing: float  #: Spacing of the lattice.
     signed: bool  #: Whether the sign of the surface's normals is consistent everywhere.
 
-    def relative_to(self, points: Floats, nearest: ClosestPoints, radius: float) -> tuple[ClosestPoints, Floats, Bools]:
+    def find_feet(self, points: Floats, nearest: ClosestPoints, radius: float) -> tuple[ClosestPoints, Floats, Bools]:
         """Return the points of the boundary nearest to ``points``, each on the sheet of its point.
 
         ``points`` (n, d): points of the surface.

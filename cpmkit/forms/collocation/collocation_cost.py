@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.forms.collocation.band_layout import Layout, lay_out
+from cpmkit.forms.collocation.band_layout import Layout, build_layout
 from cpmkit.forms.collocation.layout_checks import check_layout, geometry_warnings
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.cost_model import CostModel, Explanation, Part, condition_name, sides_in_words, solver_part
@@ -79,14 +79,14 @@ class CollocationCost(CostModel[CollocationOptions]):
         progress("dry run", 0.0)
         finest = self._finest_spacing()
         progress("dry run", 0.1)
-        layout, exact = lay_out(scene, replace(self.options, spacing=finest)), finest == spacing
-        counts = _counts_of(layout)
+        layout, exact = build_layout(scene, replace(self.options, spacing=finest)), finest == spacing
+        counts = _count_parts(layout)
         progress("dry run", 0.7)
         if exact:
             check_layout(layout, scene)
         else:
-            layouts = [layout, *(lay_out(scene, replace(self.options, spacing=k * finest)) for k in (2, 4))]
-            counts = self.extrapolate(counts, _counts_of(layouts[1]), finest)
+            layouts = [layout, *(build_layout(scene, replace(self.options, spacing=k * finest)) for k in (2, 4))]
+            counts = self.extrapolate(counts, _count_parts(layouts[1]), finest)
             counts["queries"] = self._expected_queries(layouts)
         progress("dry run", 1.0)
         unknowns = counts["unknowns"]
@@ -96,7 +96,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         noise = NOISE_FACTOR * max(_query_noise(layout), rounding) / spacing
         return Explanation(
             (*self._parts(counts, layout), solver_part(scene, chosen, solver)),
-            tuple(self._left_out(counts)),
+            tuple(self._skipped_steps(counts)),
             unknowns,
             counts["queries"],
             round(self._bytes_with_rows(counts["rows"], unknowns, chosen)),
@@ -170,7 +170,7 @@ class CollocationCost(CostModel[CollocationOptions]):
             parts.append(Part(f"ghosts of {boundary.name!r}", f"{counts[f'ghosts {number}']:,}", why))
         return parts
 
-    def _left_out(self, counts: Mapping[str, int]) -> list[str]:
+    def _skipped_steps(self, counts: Mapping[str, int]) -> list[str]:
         """Return in words the steps of the method that this scene does not need, for the explanation."""
         scene, own_normals = self.scene, isinstance(self.scene.surface, (HasNormals, HasTangents))
         steps = {
@@ -193,7 +193,7 @@ def _query_noise(layout: Layout) -> float:
     return float(np.linalg.norm(again - feet.points, axis=1).max(initial=0.0))
 
 
-def _counts_of(layout: Layout) -> dict[str, int]:
+def _count_parts(layout: Layout) -> dict[str, int]:
     """Return the counts of a layout by name: nodes, rows, unknowns, queries, ..., and "ghosts k" of boundary k."""
     counts = {
         "inner": layout.band.inner,

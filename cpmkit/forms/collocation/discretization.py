@@ -49,7 +49,7 @@ class Discretization:
 
     def weighted_differences(self, weights: Floats) -> SparseMatrix:
         """Return the read-only matrix (unknowns, rows) with ``weights``, 2 d a row, at the difference neighbours."""
-        return read_only(matrix_of_rows(weights, self.neighbours, self.extension.shape[0]))
+        return make_read_only(matrix_of_rows(weights, self.neighbours, self.extension.shape[0]))
 
     @property
     def unknowns(self) -> Unknowns:
@@ -95,7 +95,7 @@ class Discretization:
         points = [self.layout.lattice.to_scene(formula.points) for formula in formulas]
         return np.concatenate([evaluate_data(data, at, channels, label) for at in points])
 
-    def read_in_place_of(self, law: type[Law]) -> SparseMatrix:
+    def reading_matrix_of_law(self, law: type[Law]) -> SparseMatrix:
         """Return the matrix (rows, unknowns) that reads u where rows have data of a ``law``, times the data's factors.
 
         Added to E with a factor lambda, it replaces these data by lambda u.
@@ -107,10 +107,10 @@ class Discretization:
             if isinstance(datum.law, law):
                 factor = np.zeros(matrix.shape[0])
                 factor[datum.rows] = datum.factor
-                matrix = matrix + diags_array(factor) @ self.read_at_datum(datum)
+                matrix = matrix + diags_array(factor) @ self.reading_matrix_of_datum(datum)
         return csr_array(matrix)
 
-    def read_at_datum(self, datum: BoundaryData) -> SparseMatrix:
+    def reading_matrix_of_datum(self, datum: BoundaryData) -> SparseMatrix:
         """Return the matrix (rows, unknowns) that, in a datum's rows, interpolates u at its points.
 
         Each row reads from the side that it continues; all other rows are zero.
@@ -134,23 +134,23 @@ def build_tables(
     ``progress(stage, share)`` is called. Raises InputError, SceneError or ResolutionError if the lattice's origin, a
     boundary, a condition or the spacing does not fit.
     """
-    layout = band_layout.lay_out(scene, options, progress)
+    layout = band_layout.build_layout(scene, options, progress)
     check_layout(layout, scene)
-    tables = tabulate(layout, progress)
+    tables = tables_of_layout(layout, progress)
     check_effect(layout, tables.extension, tables.neighbours)
     return tables
 
 
-def tabulate(layout: band_layout.Layout, progress: Progress = no_progress) -> Discretization:
+def tables_of_layout(layout: band_layout.Layout, progress: Progress = no_progress) -> Discretization:
     """Return the tables (E, difference neighbours, boundary data) of a layout; ``progress`` gets stage and share."""
-    extension, data, centres = band_layout.extend_rows(layout, lambda stage, share: progress(stage, 0.8 * share))
+    extension, data, centres = band_layout.build_extension(layout, lambda stage, share: progress(stage, 0.8 * share))
     neighbours = _neighbours(layout.unknowns, centres)
     neighbours.flags.writeable = False
     progress("tables", 1.0)
-    return Discretization(layout, read_only(extension), data, neighbours)
+    return Discretization(layout, make_read_only(extension), data, neighbours)
 
 
-def read_only(matrix: SparseMatrix) -> SparseMatrix:
+def make_read_only(matrix: SparseMatrix) -> SparseMatrix:
     """Return ``matrix``, one of the tables, after making its arrays read-only.
 
     SciPy sorts the indices of an operand in place where it needs them sorted (``abs`` does): a matrix that shares the
@@ -202,7 +202,7 @@ def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretizat
             raise SceneError(
                 f"{label} has no data in the tables, a flux of zero has none, and takes no others; use cpmkit.solve."
             )
-    layout = band_layout.with_data_of(tables.layout, new)
+    layout = band_layout.replace_data(tables.layout, new)
     check_layout(layout, new)
     laws_of_data = [known[id(datum.law), datum.label] for datum in tables.data]
     data = [

@@ -49,7 +49,7 @@ def find_narrowest_gap(surface: LocalSource, band: Band, lattice: Lattice) -> li
     if not len(past):
         return []
     rim, outward, loop = _rim_samples(surface, band, past)
-    rows, across = _gaps_ahead(surface, rim, outward, band.spacing)
+    rows, across = _find_gaps(surface, rim, outward, band.spacing)
     if not len(rows):
         return []
     gap = np.linalg.norm(across - rim[rows], axis=1)
@@ -80,7 +80,7 @@ def _rim_samples(surface: LocalSource, band: Band, past: Ints) -> tuple[Floats, 
     return feet.points, outward, feet.edge
 
 
-def _gaps_ahead(surface: LocalSource, rim: Floats, outward: Floats, spacing: float) -> tuple[Ints, Floats]:
+def _find_gaps(surface: LocalSource, rim: Floats, outward: Floats, spacing: float) -> tuple[Ints, Floats]:
     """Return the numbers (k,) of rim points that face another part of the manifold, and the points (k, d) across gaps.
 
     ``rim`` (n, d) are points of rims, ``outward`` (n, d) the conormals there. A query ahead of the rim by more than

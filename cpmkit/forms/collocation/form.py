@@ -13,12 +13,12 @@ from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.collocation_cost import CollocationCost
 from cpmkit.forms.collocation.discretization import Work, build_tables, measure_work, with_new_data
 from cpmkit.forms.collocation.extension_operator import BoundaryMass, ExtensionOperator, build_operator, check_terms
-from cpmkit.forms.collocation.layout_checks import check_waves, layout_warnings, sharp_bends
+from cpmkit.forms.collocation.layout_checks import check_waves, layout_warnings, sharp_bend_warnings
 from cpmkit.forms.collocation.mean_weights import (
     components_without_flux,
     correct_means,
     describe_imbalances,
-    means_over,
+    mean_matrix,
     with_smooth_means,
 )
 from cpmkit.forms.collocation.nonlinear_fluxes import FluxRows, find_flux_rows, linearise_fluxes
@@ -124,15 +124,15 @@ class Collocation(Reader):
                 for datum in data
                 if isinstance(datum.law, Support)
             ]
-        return np.asarray(stiffness.datum_load(self._sum_of(data, time)))
+        return np.asarray(stiffness.datum_load(self._sum_data(data, time)))
 
-    def _sum_of(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:
+    def _sum_data(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:
         """Return the sum (rows, channels) of the terms ``data`` at ``time`` in each row of E."""
         return sum_of_data(data, self.tables.extension.shape[0], self.scene.channels, time)
 
     def boundary_mass(self, stiffness: Any) -> BoundaryMass | None:
         """Return the boundary mass of Steklov conditions, with A = ``stiffness``; None without such conditions."""
-        reads = self.tables.read_in_place_of(Spectral)
+        reads = self.tables.reading_matrix_of_law(Spectral)
         return BoundaryMass(stiffness, reads) if reads.nnz else None
 
     @cached_property
@@ -188,7 +188,7 @@ class Collocation(Reader):
         datum = self.tables.datum(time)
         if step:
             in_time = [one for one in self.tables.data if one.takes_time]
-            datum = (self._sum_of(in_time, time + step) - self._sum_of(in_time, time)) / step
+            datum = (self._sum_data(in_time, time + step) - self._sum_data(in_time, time)) / step
         return self._apply_formulas(self.tables.read_sources(data, label, time), datum)
 
     def _apply_formulas(self, u: Floats, datum: Floats) -> Floats:
@@ -218,7 +218,7 @@ class Collocation(Reader):
         if self.tables.layout.order == 1:
             return None
         count, piece = components_without_flux(self.tables, self.scene)
-        return means_over(self.tables, count, piece)[0] if count else None
+        return mean_matrix(self.tables, count, piece)[0] if count else None
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
         """Return u (n, channels) with mean zero where a constant is free, and corrected means where there is no flux.
@@ -251,7 +251,7 @@ class Collocation(Reader):
     @cached_property
     def _has_sharp_bends(self) -> bool:
         """Whether the surface has creases, or bends too sharply for the spacing."""
-        return bool(sharp_bends(self.tables.layout, self.tables.layout.lattice.spacing))
+        return bool(sharp_bend_warnings(self.tables.layout, self.tables.layout.lattice.spacing))
 
     def diagnosis(
         self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False

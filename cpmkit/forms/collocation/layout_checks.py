@@ -46,7 +46,7 @@ def check_layout(layout: Layout, scene: Scene) -> None:
     _check_gaps(layout)
     for number, ghosts in enumerate(layout.ghosts):
         if not ghosts.unknowns:
-            raise ResolutionError(_without_effect(layout, number))
+            raise ResolutionError(_no_effect_message(layout, number))
     _check_edges(scene, layout)
     _check_conductivities(scene, layout)
 
@@ -66,10 +66,10 @@ def check_effect(layout: Layout, extension: SparseMatrix, neighbours: Ints) -> N
     for number in range(len(layout.ghosts)):
         used = is_read[unknowns.unknowns_of(number)].any() or is_neighbour[unknowns.rows_of(number)].any()
         if not used and number not in repeated:
-            raise ResolutionError(_without_effect(layout, number))
+            raise ResolutionError(_no_effect_message(layout, number))
 
 
-def _without_effect(layout: Layout, number: int) -> str:
+def _no_effect_message(layout: Layout, number: int) -> str:
     """Return the error message for the boundary with the index ``number``, which the lattice does not resolve."""
     boundary, spacing = layout.boundaries.on_lattice[number], layout.lattice.spacing
     extent = float(np.linalg.norm(np.ptp(boundary.source.bounds, axis=0)))
@@ -221,7 +221,7 @@ def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:
         *advice.warnings,
         *advice.closest_point_warnings,
         *layout.lattice.rounding_warnings(layout.surface.bounds, not layout.surface.shift.any()),
-        *_snapped_boundaries(layout),
+        *_snapped_boundary_warnings(layout),
         *geometry_warnings(layout, spacing),
         *small_boundary_warnings(scene, cutting, spacing, spacing),
     )
@@ -235,10 +235,10 @@ def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
     names = [boundary.name for boundary in layout.boundaries.definitions]
     places = (one.warning(names, spacing) for one in (*layout.rims, *layout.meetings))
     # near a crease another sheet may be the other flank
-    return [*(sharp_bends(layout, spacing) or _mixed_sheets(layout)), *filter(None, places)]
+    return [*(sharp_bend_warnings(layout, spacing) or _mixed_sheet_warnings(layout)), *filter(None, places)]
 
 
-def sharp_bends(layout: Layout, spacing: float) -> list[str]:
+def sharp_bend_warnings(layout: Layout, spacing: float) -> list[str]:
     """Return a list with a warning if the surface has creases or bends too sharply for ``spacing``; else empty."""
     if layout.surface.manifold_dim != layout.surface.dim - 1:
         return []
@@ -262,7 +262,7 @@ def sharp_bends(layout: Layout, spacing: float) -> list[str]:
     ]
 
 
-def _mixed_sheets(layout: Layout) -> list[str]:
+def _mixed_sheet_warnings(layout: Layout) -> list[str]:
     """Return a list with a warning if many stencils read nodes of another sheet; else an empty list."""
     sheets, band = layout.band.sheets, layout.band
     if sheets is None or len(sheets.mixed) <= SHARP_SHARE * band.inner:
@@ -275,7 +275,7 @@ def _mixed_sheets(layout: Layout) -> list[str]:
     ]
 
 
-def _snapped_boundaries(layout: Layout) -> list[str]:
+def _snapped_boundary_warnings(layout: Layout) -> list[str]:
     """Return a warning for each boundary that is more than half a spacing off the surface."""
     spacing = layout.lattice.spacing
     return [

@@ -44,7 +44,7 @@ def mean_weights(tables: Discretization) -> Floats:
     the end need not be at a node. Without them the mean has an error of first order.
     """
     bump, beyond = _bumps_and_ends(tables)
-    return bump * _tail(beyond)
+    return bump * _tail_weights(beyond)
 
 
 def _end_weights(tables: Discretization) -> Floats:
@@ -64,7 +64,7 @@ def _bumps_and_ends(tables: Discretization) -> tuple[Floats, Floats]:
     band, inner = tables.layout.band, tables.layout.band.inner
     reach = 0.5 * (band.degree + 1) * band.spacing
     offset = (band.positions - band.feet.points)[:inner]
-    past = _past_edge(tables, offset)
+    past = _distances_past_edge(tables, offset)
     distance = np.sqrt(np.maximum(np.sum(offset**2, axis=1) - past**2, 0.0))
     at_nodes = _bump(distance / reach, band.degree)
     bumps, beyond = [at_nodes], [past / band.spacing]
@@ -72,12 +72,12 @@ def _bumps_and_ends(tables: Discretization) -> tuple[Floats, Floats]:
         of_node = np.full(len(band.nodes), TAIL_SPACINGS)
         of_node[view.rows] = np.nan_to_num(np.abs(view.signed) / band.spacing, nan=TAIL_SPACINGS)
         nodes = ghosts.nodes[: ghosts.unknowns]
-        bumps.append(at_nodes[nodes] * _tail(beyond[0][nodes]))
+        bumps.append(at_nodes[nodes] * _tail_weights(beyond[0][nodes]))
         beyond.append(of_node[nodes])
     return np.concatenate(bumps), np.concatenate(beyond)
 
 
-def _past_edge(tables: Discretization, offset: Floats) -> Floats:
+def _distances_past_edge(tables: Discretization, offset: Floats) -> Floats:
     """Return how far (inner,) along the manifold each inner node is past an edge, zero for other nodes.
 
     With t that distance, r the node's height over the tangent plane and k the curvature, the mirror point is ``t (1 + k
@@ -107,7 +107,7 @@ def _bump(distance: Floats, degree: int) -> Floats:
     return np.where(distance < 1.0, inside, 0.0)
 
 
-def _tail(beyond: Floats) -> Floats:
+def _tail_weights(beyond: Floats) -> Floats:
     """Return the weights (n,) of nodes ``beyond`` (n,) spacings past an end: 1 at 0, and 0 from ``TAIL_SPACINGS`` on.
 
     With t the first node's distance, ``tail(t) + tail(t + 1) = 1/2 - t``: the end correction of the trapezoidal rule.
@@ -119,7 +119,7 @@ def _tail(beyond: Floats) -> Floats:
     return np.where(beyond < 1.0, first, np.where(beyond < TAIL_SPACINGS, 0.5 - t - first, 0.0))
 
 
-def means_over(tables: Discretization, count: int, component: Ints) -> tuple[SparseMatrix, Ints, Ints]:
+def mean_matrix(tables: Discretization, count: int, component: Ints) -> tuple[SparseMatrix, Ints, Ints]:
     """Return the matrix (count, n) of means over components, the unknowns (m,) on them, and their components (m,).
 
     ``component`` (n,) is that of each unknown, from 0 to ``count`` - 1, or -1 for unknowns on none.
@@ -147,7 +147,7 @@ def with_smooth_means(tables: Discretization, border: Border) -> Border:
     component = np.full(tables.unknowns.count, -1)
     indicator = border.indicator.tocoo()
     component[indicator.row] = indicator.col
-    return replace(border, mean=means_over(tables, border.mean.shape[0], component)[0])
+    return replace(border, mean=mean_matrix(tables, border.mean.shape[0], component)[0])
 
 
 def describe_imbalances(
@@ -165,7 +165,7 @@ def describe_imbalances(
         feet = layout.band.feet.points[members[members < layout.band.inner]]
         spacings = max(float(np.ptp(feet, axis=0).max()) / layout.lattice.spacing, 1.0)
         explained = min(EXPLAINED_DEFECT_FACTOR / spacings**order, GROSS_DEFECT_SHARE)
-        place = _place_of(tables, scene, members)
+        place = _describe_place(tables, scene, members)
         described.append(replace(imbalance, size=tuple(size.tolist()), explained=explained, **place))
     return tuple(described)
 
@@ -183,7 +183,7 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
     return np.asarray(mean_f + flux)
 
 
-def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, Any]:
+def _describe_place(tables: Discretization, scene: Scene, members: Ints) -> dict[str, Any]:
     """Return the fields near, share, bounded_by of an imbalance on a component of unknowns ``members``, ascending."""
     layout = tables.layout
     nodes = members[: np.searchsorted(members, layout.band.inner)]
@@ -192,7 +192,7 @@ def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, 
     inside[members] = True
     walls = []
     for index, (boundary, ghosts) in enumerate(zip(scene.boundaries, layout.ghosts, strict=True)):
-        on_component, left = inside[tables.unknowns.unknowns_of(index)], ghosts.carries_left[: ghosts.unknowns]
+        on_component, left = inside[tables.unknowns.unknowns_of(index)], ghosts.continues_left[: ghosts.unknowns]
         sides = [side for side, of_side in (("left", left), ("right", ~left)) if np.any(on_component & of_side)]
         walls += [f"{boundary.name!r} ({side})" for side in sides]
     return {
@@ -240,7 +240,7 @@ def correct_means(tables: Discretization, scene: Scene, b: Floats, u: Floats) ->
     count, component = components_without_flux(tables, scene)
     if not count:
         return u, ()
-    mean, members, component = means_over(tables, count, component)
+    mean, members, component = mean_matrix(tables, count, component)
     defect = terms.c * (mean @ u) - mean @ b  # without conditions b is f
     open_components = np.unique(component[layout.band.feet.edge[members] >= 0])
     shift, corrected = np.zeros_like(defect), []
@@ -253,7 +253,7 @@ def correct_means(tables: Discretization, scene: Scene, b: Floats, u: Floats) ->
             value=tuple(defect[k].tolist()),
             size=tuple((terms.c * span).tolist()),
             explained=REPORTED_MEAN_SHARE,
-            **_place_of(tables, scene, on_component),
+            **_describe_place(tables, scene, on_component),
             shift=tuple((-defect[k] / terms.c).tolist()),
         )
         if k in open_components and (imbalance.relative <= REPORTED_MEAN_SHARE or layout.order == 1):

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from cpmkit.errors import ResolutionError, place
-from cpmkit.forms.collocation.discretization import Discretization, read_only
+from cpmkit.forms.collocation.discretization import Discretization, make_read_only
 from cpmkit.forms.collocation.row_formula import BoundaryData
 from cpmkit.scene.laws import Flux, Mixed, Nonlinear
 from cpmkit.types import Floats, SparseMatrix
@@ -71,7 +71,7 @@ def _flux_rows(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> F
     first_order = np.concatenate([at_foot, *(group.orders == 1 for group in layout.ghosts)])[rows]
     others = np.concatenate([np.zeros(0, dtype=np.int64), *(one.rows for one in tables.data if one is not datum)])
     at_one_point = (coefficient[rows] == 1) & ~np.isin(rows, others)
-    reads = tables.read_at_datum(datum)
+    reads = tables.reading_matrix_of_datum(datum)
     chosen = np.zeros(len(coefficient))
     chosen[rows[at_one_point]] = 1.0
     rest = diags_array(chosen) @ tables.extension + diags_array(1.0 - chosen) @ reads
@@ -107,7 +107,7 @@ def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: S
         constant = partial(_known_values, flux.law.flux_at(v, points) - slope * v)
         law = Mixed(1.0, partial(_known_values, -slope), constant) if flux.grows(v) else Flux(constant)
         data.append(replace(datum, factor=factor, data=constant, law=law))
-    return replace(tables, extension=read_only(extension), data=data)
+    return replace(tables, extension=make_read_only(extension), data=data)
 
 
 def _divisor(flux: FluxRows, slope: Floats, spacing: float) -> Floats:

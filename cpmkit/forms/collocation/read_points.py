@@ -50,7 +50,7 @@ class Reader(Discretized):
     def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, unknowns) that interpolates at the manifold's points nearest to ``points`` (k, d).
 
-        Points on a boundary are read from its ``side``, for all or by name. Raises InputError if a point is too far.
+        Points on a boundary are read from its ``side``, for all or by name. InputError if one is beyond :attr:`radius`.
         """
         feet = self.checked_closest_points(self.to_local_points(points))
         centres = Centres.of_points(feet, self.side_views(feet.points, self.side_numbers(side)))
@@ -59,7 +59,7 @@ class Reader(Discretized):
     def gradient(self, values: Floats, points: Any = None, side: Sides = None) -> Floats:
         """Return the gradient (k, channels, d) of ``values`` (unknowns, channels) at points (k, d), None: the form's.
 
-        Points on a boundary are read from its ``side``, for all or by name. Raises InputError if a point is too far.
+        Points on a boundary are read from its ``side``, for all or by name. InputError if one is beyond :attr:`radius`.
         """
         points = self.points if points is None else points
         return surface_gradient(self, values, self.to_local_points(points), self.side_numbers(side))
@@ -70,7 +70,7 @@ class Reader(Discretized):
         """Return du/db (k, channels) at points (k, d) near a ``side`` of a boundary, or near the edge without these.
 
         ``values`` (unknowns, channels) are u. The conormal b points out of ``side``: it is -v on the left and +v on the
-        right, where v points to the left; at the edge it points outwards. Raises InputError if a point is too far.
+        right, where v points to the left; at the edge it points outwards. InputError if a point is too far to be read.
         """
         surface, local = self.tables.layout.surface, self.to_local_points(points)
         if boundary is None or side is None:
@@ -175,32 +175,32 @@ def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mappi
         feet = reader.checked_closest_points(local[part])
         side_views = reader.side_views(feet.points, sides)
         gradient[part] = _interpolant_gradient(reader, values, feet, side_views)
-        bends = Bends.join([*_at_boundaries(reader, side_views), _at_edge(reader, feet)])
+        bends = Bends.join([*_boundary_bends(reader, side_views), _edge_bends(reader, feet)])
         bends = bends.take(bends.distance < CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)
         order = np.lexsort((bends.distance, bends.rows))  # the nearest bend of each point comes first
         bends = bends.take(order[np.unique(bends.rows[order], return_index=True)[1]])
-        rows, samples, weights = _samples_inside(reader, feet, side_views, bends, sides)
+        rows, samples, weights = _extrapolation_samples(reader, feet, side_views, bends, sides)
         if len(rows):
             read = _interpolant_gradient(reader, values, samples, reader.side_views(samples.points, sides))
             read = read.reshape(*weights.shape, *read.shape[1:])
             continued = np.einsum("ks,kscd->kcd", weights, read)
-            gradient[part][rows] = _tangential(reader, feet.take(rows), continued)
+            gradient[part][rows] = _tangent_part(reader, feet.take(rows), continued)
     return gradient
 
 
 def _interpolant_gradient(
     reader: Reader, values: Floats, feet: ClosestPoints, side_views: Sequence[SideView]
 ) -> Floats:
-    """Return the tangential gradient (n, channels, d), at ``feet``, of the interpolant of ``values`` at unknowns."""
+    """Return the tangential gradient (n, channels, d) at ``feet``, from ``values`` (unknowns, channels) of u."""
     unknowns = reader.tables.unknowns
     cells, fractions = stencil_cells(feet.points, unknowns.band.spacing, unknowns.band.degree)
     columns = unknowns.select(Centres.of_points(feet, side_views), stencil_nodes(unknowns.band, cells))
     axes, degree = range(unknowns.band.dim), unknowns.band.degree
     slopes = np.stack([tensor_weights(fractions, degree, axis) for axis in axes], axis=1) / unknowns.band.spacing
-    return _tangential(reader, feet, np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True)))
+    return _tangent_part(reader, feet, np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True)))
 
 
-def _tangential(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Floats:
+def _tangent_part(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Floats:
     """Return ``vectors`` (n, channels, d) at ``feet`` projected on the tangent spaces there."""
     n, channels, dim = vectors.shape
     each: Ints = np.repeat(np.arange(n), channels)
@@ -221,7 +221,7 @@ class Bends(Rows):
     inward: Floats  #: (k, d): unit vectors away from it, on the point's side.
 
 
-def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
+def _boundary_bends(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
     """Return, for each boundary, the bends at the points near it that are on a side with a Dirichlet condition."""
     bends = []
     for boundary, view in zip(reader.scene.boundaries, side_views, strict=True):
@@ -233,7 +233,7 @@ def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends
     return bends
 
 
-def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
+def _edge_bends(reader: Reader, feet: ClosestPoints) -> Bends:
     """Return the bends at points whose stencils contain a node past an edge with a Dirichlet condition.
 
     The edge is represented by its tangent at one point: of the closest points of such nodes the nearest to the point
@@ -258,7 +258,7 @@ def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
     return Bends(rows, distance, -outward)
 
 
-def _samples_inside(
+def _extrapolation_samples(
     reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView], bends: Bends, sides: Mapping[int, Side]
 ) -> tuple[Ints, ClosestPoints, Floats]:
     """Return the samples from which gradients at ``feet`` near bends (jumps of second derivatives) are extrapolated.
@@ -291,6 +291,6 @@ def _usable_samples(
         opposite = np.sum(at_point.director[position[known]] * at_sample.director[known], axis=1) < 0
         usable[at_sample.rows[known][opposite]] = False
     nearest = np.full(len(samples), np.inf)
-    for bends in (*_at_boundaries(reader, sample_views), _at_edge(reader, samples)):
+    for bends in (*_boundary_bends(reader, sample_views), _edge_bends(reader, samples)):
         np.minimum.at(nearest, bends.rows, bends.distance)
     return usable & (nearest > (1 - INSIDE_SLACK_SHARE) * CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)

@@ -120,7 +120,7 @@ class Unknowns:
     @property
     def ghost_sides(self) -> Bools:
         """(g,) for each ghost that is an unknown, whether it continues the solution from the left of its boundary."""
-        return np.concatenate([np.zeros(0, bool), *(group.carries_left[: group.unknowns] for group in self.ghosts)])
+        return np.concatenate([np.zeros(0, bool), *(group.continues_left[: group.unknowns] for group in self.ghosts)])
 
     def select(self, centres: Centres, columns: Ints) -> Ints:
         """Return the unknowns (n, s) that n stencils read at the inner nodes ``columns`` (n, s).
@@ -145,7 +145,7 @@ class Unknowns:
         Nodes below ``readable`` may be read. For each boundary, ``numbers`` (nodes,) is the number of each node's ghost
         (-1: none), and ``first`` (boundaries + 1,) what is added to it.
         """
-        nodes = self._on_own_sheet(centres, columns, readable)
+        nodes = self._replace_by_twins(centres, columns, readable)
         if not any(len(view.rows) for view in centres.side_views):
             return nodes
         touched = np.unique(np.concatenate([view.rows for view in centres.side_views]))
@@ -155,12 +155,12 @@ class Unknowns:
         selected[touched] = np.where(boundary >= 0, first[boundary] + number, nodes[touched])
         return selected
 
-    def _on_own_sheet(self, centres: Centres, columns: Ints, readable: int) -> Ints:
+    def _replace_by_twins(self, centres: Centres, columns: Ints, readable: int) -> Ints:
         """Return ``columns`` (n, s) with nodes of other sheets replaced by their twins with numbers < ``readable``."""
         sheets = self.band.sheets
         if sheets is None:
             return columns
-        touched = np.flatnonzero(sheets.counts(columns).any(axis=1))
+        touched = np.flatnonzero(sheets.twin_counts(columns).any(axis=1))
         if not len(touched):
             return columns
         assert centres.feet is not None  # always given where several sheets share the band

@@ -54,7 +54,7 @@ class SideView(Rows):
     director: Floats
 
 
-def points_near(source: LocalSource, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
+def find_near_points(source: LocalSource, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
     """Return the numbers (k,) of ``points`` (n, d) within ``radius`` of a boundary, and the k closest points on it.
 
     Only points in blocks, of four ``spacing`` a side, whose centres are near enough are queried.
@@ -112,16 +112,16 @@ class BoundaryOnLattice:
         of the boundary on their own sheet and a clear side are; the nearest such part counts. Conormals and ends are
         found by differences over half of ``spacing``.
         """
-        rows, feet = points_near(self.source, points, radius + self.gap, spacing)
+        rows, feet = find_near_points(self.source, points, radius + self.gap, spacing)
         walked = None
         if self.on_sheets is not None and len(rows):
-            feet, walked, on_sheet = self.on_sheets.relative_to(points[rows], feet, radius + self.gap)
+            feet, walked, on_sheet = self.on_sheets.find_feet(points[rows], feet, radius + self.gap)
             rows, feet, walked = rows[on_sheet], feet.take(on_sheet), walked[on_sheet]
         on = self.surface.closest_point(feet.points)
         offset = points[rows] - on.points
         distance = np.linalg.norm(offset, axis=1)
         if not self.has_sides:
-            director = self._from_point(on, offset, spacing)
+            director = self._point_directors(on, offset, spacing)
             unsigned = np.full(len(rows), np.nan)
             return SideView(rows, on.points, np.zeros(len(rows), dtype=bool), distance, unsigned, 0 * offset, director)
         left = self.oriented.leftward(feet, on, 0.5 * spacing)
@@ -141,12 +141,12 @@ class BoundaryOnLattice:
         clear = np.abs(signed) >= UNCLEAR_SIDE_COSINE * distance
         return view.take(clear | (distance <= NEAR_BOUNDARY_SPACINGS * spacing))
 
-    def _from_point(self, on_surface: ClosestPoints, offset: Floats, spacing: float) -> Floats:
+    def _point_directors(self, on_surface: ClosestPoints, offset: Floats, spacing: float) -> Floats:
         """Return the directors T (z - y) (n, d) of a boundary that is a point y, T the tangential projection at y.
 
         ``offset`` (n, d) are z - y, ``on_surface`` the records of y. Where z is y, the director is a tiny vector along
-        a fixed tangent: stencils cross the point there too, as a line of nodes may have this closest point (King et al.
-        2024, section 4.5 and eq. 17, without the tangent). Tangents are differences over half of ``spacing``.
+        a fixed tangent, from differences over half of ``spacing``: stencils cross the point there too, as a line of
+        nodes may have this closest point. King et al. (2024), section 4.5 and eq. 17 without the tangent.
         """
         director = project_tangent(self.surface, on_surface, offset, 0.5 * spacing)
         touching = np.linalg.norm(director, axis=1) < ON_BOUNDARY_SPACINGS * spacing

@@ -64,21 +64,21 @@ def separate_sheets(source: LocalSource, band: Band) -> Band:
         return band
     every = np.arange(len(band.nodes))
     sites = Sites(every, band.feet, unit_normals(source, band.feet, 0.5 * band.spacing), every < band.inner)
-    queue = flagged_readers = _sites_near(band, flagged)
+    queue = flagged_readers = _find_readers(band, flagged)
     for _ in range(MOST_TWIN_ROUNDS):
-        grown = _with_twins(source, band, sites, find_missing(source, band, sites, queue))
+        grown = _with_twins(source, band, sites, find_missing_sites(source, band, sites, queue))
         if len(grown) == len(sites):
             break
         queue, sites = np.arange(len(sites), len(grown)), grown
     if len(sites) == len(band.nodes):
         return band
     readers = np.concatenate([flagged_readers, np.arange(len(band.nodes), len(sites))])
-    mixed = np.unique(find_missing(source, band, sites, readers).by)
+    mixed = np.unique(find_missing_sites(source, band, sites, readers).by)
     return _band_with_twins(source, band, sites, mixed)
 
 
 def nodes_between_sheets(band: Band) -> Bools:
-    """Return whether (n,) each node has a neighbour whose foot is above or below its own, along either normal."""
+    """Return whether (n,) each node has a neighbour whose foot is over 0.3 spacings off its own, along a normal."""
     h, flagged = band.spacing, np.zeros(len(band.nodes), dtype=bool)
     directions = foot_directions(band)
     normal = np.where((directions.length > ON_FOOT_SPACINGS * h)[:, None], directions.unit, 0.0)
@@ -93,7 +93,7 @@ def nodes_between_sheets(band: Band) -> Bools:
     return flagged
 
 
-def _sites_near(band: Band, flagged: Bools) -> Ints:
+def _find_readers(band: Band, flagged: Bools) -> Ints:
     """Return the nodes (k,) whose interpolation or difference stencils may contain a node with ``flagged`` (n,)."""
     nodes = band.nodes[np.flatnonzero(flagged[: band.inner])]
     around = (nodes[:, None] - tensor_offsets(band.degree, band.dim)).reshape(-1, band.dim)
@@ -106,7 +106,7 @@ def _sites_near(band: Band, flagged: Bools) -> Ints:
     return np.flatnonzero(reads_flagged | flagged)
 
 
-def find_missing(source: LocalSource, band: Band, sites: Sites, queue: Ints) -> MissingSites:
+def find_missing_sites(source: LocalSource, band: Band, sites: Sites, queue: Ints) -> MissingSites:
     """Return the nodes for which stencils of the sites ``queue`` (q,) have no site on their own sheet.
 
     Stencils are the interpolation stencils of these sites, and the difference stencils of those that are unknowns.
@@ -161,7 +161,7 @@ def _with_one_twin_each(source: LocalSource, band: Band, sites: Sites, missing: 
 
 
 def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missing: MissingSites) -> Bools:
-    """Return which missing sites (k,) the new twins provide: the sites from ``count`` on, at most one for each node."""
+    """Return whether (k,) the new twins, sites from ``count`` on with one a node at most, provide each missing site."""
     new, by = np.arange(count, len(sites)), missing.by
     twin = new[np.minimum(np.searchsorted(sites.base[new], missing.nodes), len(new) - 1)]
     served = (sites.base[twin] == missing.nodes) & (sites.unknown[twin] | ~missing.unknown)

@@ -272,7 +272,7 @@ def piece_extents(points: Floats, patch: Any, label: Ints, pieces: int) -> Float
     ``patch`` (q,) is the patch of each of the ``points`` (q, d), ``label`` (p,) the piece of each patch.
     """
     groups = RowGroups.from_numbers(pieces, label[patch])
-    return np.asarray(groups.reduced(np.maximum, points) - groups.reduced(np.minimum, points))
+    return np.asarray(groups.reduce_groups(np.maximum, points) - groups.reduce_groups(np.minimum, points))
 
 
 @compiled

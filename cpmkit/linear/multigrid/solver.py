@@ -105,7 +105,7 @@ def build_cycle(
     kind = np.float32 if is_rounded and not differ else np.float64
     matrices, strips = [matrix], []
     for level in levels:  # all coarser matrices first: temporary tables are not in memory together with smoothers
-        strips.append(_without_singular(level.strip, piece))
+        strips.append(_regular_strip(level.strip, piece))
         P = level.prolongation
         fine, forth, back = (UnsignedCsr.from_matrix(each) for each in (matrices[-1], P, P.T.tocsr()))
         coarser = (back @ (fine @ forth)).to_csr()  # with unsorted rows
@@ -183,7 +183,7 @@ def _smoother(matrix: SparseMatrix, strip: Ints, waves: bool, kind: Any, sweeps:
     return WithStrip(smoother, strip, UnsignedCsr.from_matrix(rows, kind), factors)
 
 
-def _without_singular(strip: Ints, piece: Ints) -> Ints:
+def _regular_strip(strip: Ints, piece: Ints) -> Ints:
     """Return the strip (k,) without one unknown of each piece that lies entirely in it, where A would be singular.
 
     ``piece`` (n,) is the number of each unknown's piece of the manifold where A fixes no constant, else -1.

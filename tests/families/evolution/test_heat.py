@@ -8,7 +8,7 @@ import pytest
 from model_problems import angle_after, on_circle, order_of, sphere_points
 
 import cpmkit as ck
-from cpmkit.families.evolution.stepping import semidiscrete
+from cpmkit.families.evolution.stepping import build_semidiscrete
 
 FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
 THETA_C = 1.022 * np.pi
@@ -98,8 +98,8 @@ def evolved(time, form):
 
     scene = circle_scene(ck.Heat(HILL, until=time, step=time), HILL_CUT)
     form = ck.discretize(scene, 0.125, form=form)
-    problem = semidiscrete(form, scene.problem)
-    M = problem.times_mass(np.eye(form.size))
+    problem = build_semidiscrete(form, scene.problem)
+    M = problem.apply_mass(np.eye(form.size))
     A, b = np.linalg.solve(M, problem.stiffness.to_csr().toarray()), np.linalg.solve(M, problem.forcing(0.0))
     rest = np.linalg.solve(A, b)
     return rest + expm(-time * A) @ (form.interpolate(HILL, "u0") - rest)

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from layouts import lay_out
+from layouts import build_layout
 
 import cpmkit as ck
-from cpmkit.forms.collocation.discretization import tabulate
+from cpmkit.forms.collocation.discretization import tables_of_layout
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.band import stencil_cells, stencil_nodes
 
@@ -24,17 +24,17 @@ def cut_spiral(**conditions):
     "conditions", [{"both": ck.Dirichlet(1.0)}, {"both": ck.Neumann(0.0)}, {"across": ck.Transmission()}]
 )
 def test_rows_know_their_feet_and_normals(conditions, order):
-    layout = lay_out(cut_spiral(**conditions), 0.1, order=order)
+    layout = build_layout(cut_spiral(**conditions), 0.1, order=order)
     assert layout.band.inner > layout.band.first_twin + 100
     target = layout.queries
-    tables = tabulate(layout)
+    tables = tables_of_layout(layout)
     assert layout.queries == target
     ones = tables.extension @ np.ones(tables.unknowns.count)
     np.testing.assert_allclose(ones[: layout.band.own_inner], 1.0, atol=1e-12)
 
 
 def test_stencils_are_not_written_to_and_read_twins_and_ghosts():
-    layout = lay_out(cut_spiral(both=ck.Dirichlet(1.0)), 0.1)
+    layout = build_layout(cut_spiral(both=ck.Dirichlet(1.0)), 0.1)
     band, nodes = layout.band, np.arange(layout.band.inner)
     (view,) = layout.boundaries.side_views
     inner = view.take(view.rows < band.inner)

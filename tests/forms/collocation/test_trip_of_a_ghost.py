@@ -63,7 +63,7 @@ def watched(monkeypatch):
         return noted
 
     monkeypatch.setattr(band_layout, "build_ghosts", watch(band_layout.build_ghosts))
-    monkeypatch.setattr(discretization, "tabulate", watch(discretization.tabulate))
+    monkeypatch.setattr(discretization, "tables_of_layout", watch(discretization.tables_of_layout))
     return files, watch
 
 

@@ -139,9 +139,9 @@ class GhostGeometry:
     def is_hidden(self) -> Bools:
         """(g,) whether the ghost's mirror point is beyond another boundary."""
         reach = 2 * float(self._ahead.max(initial=0.0))
-        return beyond_another(self, np.arange(len(self)), self.mirror.points, reach)
+        return is_beyond_other_boundary(self, np.arange(len(self)), self.mirror.points, reach)
 
-    def at_boundary(self, rows: Ints) -> Floats:
+    def boundary_points(self, rows: Ints) -> Floats:
         """Return the boundary's points (k, d) nearest to the ghosts ``rows`` (k,), in the scene's coordinates."""
         return self.lattice.to_scene(self.seen.foot[rows])
 
@@ -172,7 +172,7 @@ class GhostGeometry:
         return replace(term, owner=self.index, side_views=side_views)
 
 
-def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: float) -> Bools:
+def is_beyond_other_boundary(geometry: GhostGeometry, rows: Ints, points: Floats, reach: float) -> Bools:
     """Return whether (k,) the ``points`` (k, d) that ghosts ``rows`` (k,) read are beyond another boundary than theirs.
 
     Boundaries farther than ``reach`` from a point do not count for it, nor do those that are points on a surface: the
@@ -212,9 +212,9 @@ def ghost_sources(geometry: GhostGeometry) -> RowFormula:
     if not boundary.has_sides or not len(just_inside):
         return RowFormula(just_inside, np.ones(len(just_inside)))
     step = SIDE_READING_SPACINGS * spacing
-    points, complete = points_inside(boundary, seen.foot, geometry.start, geometry.direction, step)
+    points, complete = points_at_two_steps(boundary, seen.foot, geometry.start, geometry.direction, step)
     rows = np.flatnonzero(complete)
-    complete[rows[beyond_another(geometry, rows, points[-1].points[rows], 2 * len(points) * step)]] = False
+    complete[rows[is_beyond_other_boundary(geometry, rows, points[-1].points[rows], 2 * len(points) * step)]] = False
     return _extrapolation(just_inside, points, complete, np.zeros(len(just_inside)))
 
 
@@ -231,14 +231,14 @@ def node_sources(
     just_inside = np.where(on_boundary, feet + sign * INSIDE_SIDE_SPACINGS * spacing * side_view.conormal, feet)
     start = None if boundary.sheets is None else boundary.surface.closest_point(side_view.foot)
     step = SIDE_READING_SPACINGS * spacing
-    points, complete = points_inside(boundary, side_view.foot, start, sign * side_view.conormal, step)
+    points, complete = points_at_two_steps(boundary, side_view.foot, start, sign * side_view.conormal, step)
     reach = 2 * len(points) * step
     for other in others:
         complete &= other.source.closest_point(side_view.foot).distance > reach
     return _extrapolation(just_inside, points, complete, np.abs(side_view.signed) / step)
 
 
-def points_inside(
+def points_at_two_steps(
     boundary: BoundaryOnLattice, foot: Floats, start: ClosestPoints | None, direction: Floats, step: float
 ) -> tuple[list[ClosestPoints], Bools]:
     """Return a list of n points one ``step`` from each foot and n two steps from it, and whether (n,) both exist.

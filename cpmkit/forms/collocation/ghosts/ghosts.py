@@ -29,7 +29,7 @@ from cpmkit.forms.collocation.side_view import (
     BoundariesOnBand,
     BoundaryOnLattice,
     SideView,
-    points_near,
+    find_near_points,
 )
 from cpmkit.grid.band import Band, reading_radius
 from cpmkit.grid.lattice import Lattice
@@ -63,7 +63,7 @@ class Ghosts:
         return self.geometry.seen.director
 
     @property
-    def carries_left(self) -> Bools:
+    def continues_left(self) -> Bools:
         """(g,) whether the ghost continues the solution of the left side."""
         return self.geometry.seen.signed < 0
 
@@ -122,7 +122,7 @@ def _ghost_nodes(boundary: BoundaryOnLattice, side_view: SideView, band: Band) -
     """Return the side view of the nodes that have a ghost, unknowns first, and the number of unknowns."""
     reach = reading_radius(band.dim, band.degree) * band.spacing + boundary.gap
     positions = band.positions[side_view.rows]
-    rows, feet = points_near(boundary.source, positions, reach + band.spacing, band.spacing)
+    rows, feet = find_near_points(boundary.source, positions, reach + band.spacing, band.spacing)
     inside = ~side_view.end[rows]
     rows, distance = rows[inside], feet.distance[inside]
     unknown = (side_view.rows[rows] < band.inner) & (distance <= reach)
@@ -202,7 +202,7 @@ def ghost_formula(
             points[mirrored] = geometry.mirror.points[mirrored]
             feet = None if feet is None else feet.replace_rows(mirrored, geometry.mirror.take(mirrored))
         if not isinstance(law, Interface):
-            where, t = geometry.at_boundary(rows), geometry.seen.distance[rows]
+            where, t = geometry.boundary_points(rows), geometry.seen.distance[rows]
             s = np.linalg.norm(geometry.foot_point[rows] - points[rows], axis=1)
             beta, first_order = checked_beta(law, condition.kind, where, geometry.name), orders[rows] == 1
             coefficient[rows], factor = coefficient_and_factor(law, beta, t, s, first_order, geometry.spacing)

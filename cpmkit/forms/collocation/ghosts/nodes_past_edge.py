@@ -91,9 +91,9 @@ def rim_corners(
 def _corners(
     surface: LocalSource, feet: ClosestPoints, beyond: Floats, outward: Floats, spacing: float, rows: Ints
 ) -> RimCorners:
-    """Return the corners among the k ``feet``, on parts of one dimension, of the nodes ``rows`` (k,)."""
+    """Return the corners among the k ``feet`` of the nodes ``rows`` (k,), as :func:`rim_corners`, of one dimension."""
     reach = BESIDE_SPACINGS * spacing
-    directions = _along_rim(surface, feet, outward, spacing)
+    directions = _rim_tangents(surface, feet, outward, spacing)
     places = feet.points[:, None] + reach * (directions + NEAR_CORNER_SHARE * outward[:, None])
     sides = surface.closest_point(places.reshape(-1, surface.dim))
     points, loops = sides.points.reshape(places.shape), sides.edge.reshape(len(rows), -1)
@@ -111,7 +111,7 @@ def _corners(
     return RimCorners(rows[chosen], readings.points.reshape(offsets.shape), loops[chosen], shares)
 
 
-def _along_rim(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing: float) -> Floats:
+def _rim_tangents(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing: float) -> Floats:
     """Return unit tangents (n, s, d) of rims at ``feet``, at right angles to ``outward`` (n, d): s / 2, then opposites.
 
     On a solid there are three directions, 120 degrees apart, because a single one might run along an edge.
@@ -156,14 +156,14 @@ def read_past_edge(
     for loop, condition in zip(loops, conditions, strict=True):
         past = np.flatnonzero(band.feet.edge == loop)
         first_order = np.isin(past, at_feet) if (condition.order or order) == 2 else np.ones(len(past), dtype=bool)
-        formula = _mirror(surface, band, lattice, edge, condition.one_sided, first_order, past)
+        formula = _edge_formula(surface, band, lattice, edge, condition.one_sided, first_order, past)
         points[past], coefficient[past] = formula.points, formula.coefficient
         feet = None if feet is None or formula.feet is None else feet.replace_rows(past, formula.feet)
         data += [datum.renumber(past) for datum in formula.data]
     return RowFormula(points, coefficient, data, feet=feet)
 
 
-def _mirror(
+def _edge_formula(
     surface: LocalSource,
     band: Band,
     lattice: Lattice,
@@ -198,16 +198,16 @@ def _mirror(
     where = lattice.to_scene(foot)
     corners = []
     if isinstance(law, Flux | Mixed):
-        corners = _corners_of_fluxes(rim_corners(surface, feet, beyond, conormals, band.spacing), edge, law)
+        corners = _flux_corners(rim_corners(surface, feet, beyond, conormals, band.spacing), edge, law)
     for corner in corners:
         t[corner.rows] = corner.beyond.sum(axis=1)
     beta = beta_at(law, where, EDGE_CONDITION)
     coefficient, factor = coefficient_and_factor(law, beta, t, 2 * t, first_order, band.spacing)
     datum = BoundaryData(np.arange(len(rows)), factor, where, law.datum, EDGE_CONDITION, law)
-    return RowFormula(on.points, coefficient, _data_beside_corners(datum, corners, edge, t, lattice), feet=on)
+    return RowFormula(on.points, coefficient, _corner_data(datum, corners, edge, t, lattice), feet=on)
 
 
-def _corners_of_fluxes(corners: Sequence[RimCorners], edge: EdgeConditions, law: OneSided) -> list[RimCorners]:
+def _flux_corners(corners: Sequence[RimCorners], edge: EdgeConditions, law: OneSided) -> list[RimCorners]:
     """Return the corners where the sides that the node is beyond all have the ``law`` of its loop, or all a flux."""
     chosen = []
     for corner in corners:
@@ -221,7 +221,7 @@ def _corners_of_fluxes(corners: Sequence[RimCorners], edge: EdgeConditions, law:
     return chosen
 
 
-def _data_beside_corners(
+def _corner_data(
     datum: BoundaryData, corners: Sequence[RimCorners], edge: EdgeConditions, t: Floats, lattice: Lattice
 ) -> list[BoundaryData]:
     """Return the terms of a flux ``datum``; nodes at corners read it on each side, in proportion to their distance.

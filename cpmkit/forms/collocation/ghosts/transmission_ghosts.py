@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, place
-from cpmkit.forms.collocation.ghosts.ghost_geometry import GhostGeometry, beyond_another, points_inside
+from cpmkit.forms.collocation.ghosts.ghost_geometry import GhostGeometry, is_beyond_other_boundary, points_at_two_steps
 from cpmkit.forms.collocation.row_formula import BoundaryData, ExtraPoint, extrapolation_weights
 from cpmkit.forms.collocation.side_view import SideView
 from cpmkit.grid.lattice import Lattice
@@ -49,7 +49,7 @@ class CoupledGhosts:
 
 def second_order_ghosts(geometry: GhostGeometry, law: Interface, rows: Ints) -> CoupledGhosts | None:
     """Return those of the ghosts ``rows`` with room for two points on each side of the boundary; None if none has."""
-    (inside, has_room), (behind, has_room_behind) = (_points_beside(geometry, rows, sign) for sign in (1.0, -1.0))
+    (inside, has_room), (behind, has_room_behind) = (_points_on_side(geometry, rows, sign) for sign in (1.0, -1.0))
     chosen = np.flatnonzero(has_room & has_room_behind)
     if not len(chosen):
         return None
@@ -64,29 +64,29 @@ def second_order_ghosts(geometry: GhostGeometry, law: Interface, rows: Ints) -> 
     source_weights = extrapolation_weights(nodes, seen.distance)
     return CoupledGhosts(
         rows,
-        _terms(rows, inside, beyond),
-        _terms(rows, behind, own),
-        _data(geometry, law, rows, jump, flux),
+        _extra_points(rows, inside, beyond),
+        _extra_points(rows, behind, own),
+        _jumps(geometry, law, rows, jump, flux),
         source_weights[:, 0],
-        _terms(rows, inside, source_weights[:, 1:]),
+        _extra_points(rows, inside, source_weights[:, 1:]),
     )
 
 
-def _points_beside(geometry: GhostGeometry, rows: Ints, sign: float) -> tuple[list[ClosestPoints], Bools]:
+def _points_on_side(geometry: GhostGeometry, rows: Ints, sign: float) -> tuple[list[ClosestPoints], Bools]:
     """Return k points one spacing and k two spacings from the boundary, and whether (k,) the ghosts ``rows`` read both.
 
     ``sign`` is 1 for points beyond the boundary and -1 for those on the ghosts' own side.
     """
     boundary, spacing = geometry.boundary, geometry.spacing
     start = None if geometry.start is None else geometry.start.take(rows)
-    points, complete = points_inside(
+    points, complete = points_at_two_steps(
         boundary, geometry.seen.foot[rows], start, sign * geometry.direction[rows], spacing
     )
-    blocked = beyond_another(geometry, rows, points[-1].points, 2 * len(points) * spacing)
+    blocked = is_beyond_other_boundary(geometry, rows, points[-1].points, 2 * len(points) * spacing)
     return points, complete & ~blocked & boundary.has_sides
 
 
-def _terms(rows: Ints, points: list[ClosestPoints], weights: Floats) -> list[ExtraPoint]:
+def _extra_points(rows: Ints, points: list[ClosestPoints], weights: Floats) -> list[ExtraPoint]:
     """Return the ``points`` as further points that ``rows`` (k,) read with ``weights`` (k, 2)."""
     return [ExtraPoint(rows, on.points, weights[:, j], feet=on) for j, on in enumerate(points)]
 
@@ -100,12 +100,12 @@ def first_order_ghosts(
     materials = conductivities(law, geometry.boundaries.diffusivity, seen, geometry.lattice)
     own, mirror, jump, flux = first_order_weights(law, *materials, s, seen.signed < 0)
     feet = None if geometry.own_feet is None else geometry.own_feet.take(rows)
-    return mirror, _data(geometry, law, rows, jump, flux), ExtraPoint(rows, geometry.foot_point[rows], own, feet=feet)
+    return mirror, _jumps(geometry, law, rows, jump, flux), ExtraPoint(rows, geometry.foot_point[rows], own, feet=feet)
 
 
-def _data(geometry: GhostGeometry, law: Interface, rows: Ints, jump: Floats, flux: Floats) -> list[BoundaryData]:
+def _jumps(geometry: GhostGeometry, law: Interface, rows: Ints, jump: Floats, flux: Floats) -> list[BoundaryData]:
     """Return the data of jump and flux of ``law`` in the ghosts ``rows`` (k,); their factors are ``jump``, ``flux``."""
-    points = geometry.at_boundary(rows)
+    points = geometry.boundary_points(rows)
     return [
         BoundaryData(rows, jump, points, law.jump, geometry.name, law, "jump"),
         BoundaryData(rows, flux, points, law.flux, geometry.name, law, "flux"),
@@ -113,13 +113,13 @@ def _data(geometry: GhostGeometry, law: Interface, rows: Ints, jump: Floats, flu
 
 
 def first_order_weights(
-    law: Interface, k_own: Floats, k_beyond: Floats, s: Floats, carries_left: Bools
+    law: Interface, k_own: Floats, k_beyond: Floats, s: Floats, continues_left: Bools
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the weights (n,) of u at the ghost's node, of u(mirror), of the jump and of the flux, in this order.
 
     Values and slopes at the boundary are replaced by means and differences of the four values at a ghost's node and its
     mirror point, a distance ``s`` (n,) apart, two of which are ghosts. ``k_own`` and ``k_beyond`` (n,) are the
-    conductivities on the node's own side and on the side that the ghost continues: the left where ``carries_left``.
+    conductivities on the node's own side and on the side that the ghost continues: the left where ``continues_left``.
     Where second derivatives on the two sides differ, the error of ghosts is of order ``s^2``, of the flux ``s``.
     """
     contact = 2 * law.resistance * k_own * k_beyond
@@ -129,7 +129,7 @@ def first_order_weights(
         divisor = s * (k_own + k_beyond) + contact
         own, mirror, flux = 2 * s * k_own, s * (k_beyond - k_own) + contact, s * s
     own = own / divisor
-    sign = np.where(carries_left, -1.0, 1.0)
+    sign = np.where(continues_left, -1.0, 1.0)
     return own, mirror / divisor, -own * sign, flux / divisor + own * 0.5 * law.resistance
 
 
@@ -139,7 +139,7 @@ def second_order_weights(
     own: Floats,
     beyond: Floats,
     at: Floats,
-    carries_left: Bools,
+    continues_left: Bools,
     spacing: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the weights (n, k) on the ghost's own side and beyond, and the factors (n,) of the jump and the flux.
@@ -150,7 +150,7 @@ def second_order_weights(
     ``materials`` two (n,) float64: conductivities on the ghost's own side, and on the side that it continues.
     ``own``, ``beyond`` (n, k): distances, above zero, of the points on these sides from the boundary.
     ``at`` (n,): distance of the ghost from the boundary.
-    ``carries_left`` (n,): whether the ghost continues the left side.
+    ``continues_left`` (n,): whether the ghost continues the left side.
     ``spacing``: unit of length in which the small systems are well scaled.
     """
     n, k = own.shape
@@ -168,7 +168,7 @@ def second_order_weights(
     value = np.zeros((n, 2 * size, 1))
     value[:, size:, 0] = (at / spacing)[:, None] ** powers
     weights = np.linalg.solve(system.transpose(0, 2, 1), value)[:, :, 0]
-    jump = np.where(carries_left, -1.0, 1.0) * unit * weights[:, 2 * k]
+    jump = np.where(continues_left, -1.0, 1.0) * unit * weights[:, 2 * k]
     return weights[:, :k], weights[:, k : 2 * k], jump, -spacing / largest * weights[:, 2 * k + 1]
 
 
@@ -179,11 +179,11 @@ def conductivities(law: Interface, diffusivity: Data, side_view: SideView, latti
     Raises InputError if one is not positive.
     """
     left, right = (
-        _continued_to_boundary(diffusivity if data is None else data, side_view, sign, lattice)
+        _boundary_conductivity(diffusivity if data is None else data, side_view, sign, lattice)
         for data, sign in ((law.left, 1.0), (law.right, -1.0))
     )
-    carries_left = side_view.signed < 0
-    return np.where(carries_left, right, left), np.where(carries_left, left, right)
+    continues_left = side_view.signed < 0
+    return np.where(continues_left, right, left), np.where(continues_left, left, right)
 
 
 def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> None:
@@ -194,9 +194,9 @@ def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view
     for side, data, sign in (("left", law.left, 1.0), ("right", law.right, -1.0)):
         if data is None or not len(side_view.rows):
             continue
-        conductivity = _continued_to_boundary(data, side_view, sign, lattice)
-        accepted = [_data_beside(diffusivity, side_view, sign * share, lattice) for share in READ_BESIDE_SPACINGS]
-        accepted.append(_continued_to_boundary(diffusivity, side_view, sign, lattice))
+        conductivity = _boundary_conductivity(data, side_view, sign, lattice)
+        accepted = [_conductivity(diffusivity, side_view, sign * share, lattice) for share in READ_BESIDE_SPACINGS]
+        accepted.append(_boundary_conductivity(diffusivity, side_view, sign, lattice))
         mismatch = np.min([np.abs(conductivity / values - 1) for values in accepted], axis=0)
         if np.mean(mismatch > DIFFUSIVITY_MISMATCH_SHARE) <= MISREAD_POINTS_SHARE:
             continue
@@ -208,18 +208,18 @@ def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view
         )
 
 
-def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice: Lattice) -> Floats:
+def _boundary_conductivity(data: Data, side_view: SideView, sign: float, lattice: Lattice) -> Floats:
     """Return the conductivity ``data`` (n,) at the boundary, from the left (``sign`` 1) or the right (-1).
 
     A function is extrapolated, of second order where it is smooth on that side; numbers are the same everywhere.
     """
     if not callable(data):
-        return _data_beside(data, side_view, 0.0, lattice)
-    first, second = (np.log(_data_beside(data, side_view, sign * share, lattice)) for share in READ_BESIDE_SPACINGS)
+        return _conductivity(data, side_view, 0.0, lattice)
+    first, second = (np.log(_conductivity(data, side_view, sign * share, lattice)) for share in READ_BESIDE_SPACINGS)
     return np.asarray(np.exp(np.where(np.abs(first - second) < SAME_MATERIAL_LOG_RATIO, 2 * first - second, second)))
 
 
-def _data_beside(data: Data, side_view: SideView, share: float, lattice: Lattice) -> Floats:
+def _conductivity(data: Data, side_view: SideView, share: float, lattice: Lattice) -> Floats:
     """Return a conductivity (n,) ``share`` spacings left of the boundary, right of it if ``share`` is negative.
 
     Raises InputError if it is not positive.

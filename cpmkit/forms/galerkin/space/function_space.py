@@ -219,7 +219,7 @@ class FunctionSpace:
         if len(columns):
             # Each piece of the manifold in a unit of its own, a power of two: small loads are solved as exactly.
             groups = self._projection_groups
-            size = groups.reduced(np.maximum, np.abs(loads[:, columns]))
+            size = groups.reduce_groups(np.maximum, np.abs(loads[:, columns]))
             unit = groups.spread_to_rows(np.ldexp(1.0, np.clip(np.frexp(size)[1], -1000, 1000)))
             b, apply = loads[:, columns] / unit, self._compiled_projection.apply
             target, most = 1e-13 * np.linalg.norm(b, axis=0), 1_000  # 130 to 190 steps are usual

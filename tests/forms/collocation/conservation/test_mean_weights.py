@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpmkit.forms.collocation.mean_weights import _tail
+from cpmkit.forms.collocation.mean_weights import _tail_weights
 
 #: Distances of the first node past the end, in spacings.
 FIRST = (np.arange(400) + 0.5) / 400
@@ -11,24 +11,24 @@ FIRST = (np.arange(400) + 0.5) / 400
 
 def test_the_weights_are_continuous():
     at = np.linspace(0, 2.0, 20001)
-    assert _tail(np.zeros(1)) == 1.0
-    assert _tail(np.full(1, 2.0)) == 0.0
-    assert np.abs(np.diff(_tail(at))).max() <= 3.6 * at[1]
+    assert _tail_weights(np.zeros(1)) == 1.0
+    assert _tail_weights(np.full(1, 2.0)) == 0.0
+    assert np.abs(np.diff(_tail_weights(at))).max() <= 3.6 * at[1]
 
 
 def test_the_two_nodes_past_an_end_weigh_what_the_trapezoidal_rule_lacks():
-    np.testing.assert_allclose(_tail(FIRST) + _tail(FIRST + 1), 0.5 - FIRST, atol=1e-12)
+    np.testing.assert_allclose(_tail_weights(FIRST) + _tail_weights(FIRST + 1), 0.5 - FIRST, atol=1e-12)
 
 
 def test_the_first_moment_vanishes():
-    moment = np.mean(FIRST * _tail(FIRST) + (FIRST + 1) * _tail(FIRST + 1))
+    moment = np.mean(FIRST * _tail_weights(FIRST) + (FIRST + 1) * _tail_weights(FIRST + 1))
     assert moment == pytest.approx(0.0, abs=1e-5)
 
 
 def sum_of_exp(t, spacing):
     """Sum of exp(x) over nodes up to the end at 0, which is t spacings before the next node; exactly 1."""
     beyond = np.concatenate([t - np.arange(int(40 / spacing), 0, -1), [t, t + 1]])
-    return spacing * float(np.sum(_tail(np.maximum(beyond, 0.0)) * np.exp(spacing * beyond)))
+    return spacing * float(np.sum(_tail_weights(np.maximum(beyond, 0.0)) * np.exp(spacing * beyond)))
 
 
 def test_sums_are_of_second_order_at_any_end_and_of_third_over_all_ends():
