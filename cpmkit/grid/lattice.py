@@ -57,9 +57,8 @@ class Lattice:
     def rounding_warnings(self, bounds: Floats, translated: bool) -> tuple[str, ...]:
         """Return a tuple with a warning if the scene's coordinates are rounded too coarsely for the manifold, else ().
 
-        ``bounds`` (2, d): bounds of the manifold, relative to the origin.
-        ``translated``: whether the source computes relative to the origin; if not, its error is
-        :data:`FAR_OUT_ROUNDINGS`.
+        ``bounds`` (2, d): bounds of the manifold, relative to the origin. ``translated``: whether the source computes
+        relative to it; if not, its error is :data:`FAR_OUT_ROUNDINGS`.
         """
         far, size = float(np.abs(bounds + self.origin).max()), float(np.ptp(bounds, axis=0).max())
         loss = float(np.spacing(far)) * (1.0 if translated else FAR_OUT_ROUNDINGS)
@@ -309,8 +308,7 @@ def unknowns_at_unit_spacing(source: LocalSource, degree: int, counted: int = CO
     """Return an estimate of the number of unknowns of a band, times the spacing to the power of the manifold dimension.
 
     The number of nodes follows from the first level of blocks (:func:`cell_levels`) of which more than ``counted`` meet
-    the manifold, else from the finest; parts thinner than a block count as thick as it. ``degree``: of the
-    interpolation.
+    the manifold, else from the finest; thinner parts count as thick as a block. ``degree`` is of the interpolation.
     """
     extent = float((source.bounds[1] - source.bounds[0]).max()) or 1.0
     cell = extent * FINEST_CELL_SHARE

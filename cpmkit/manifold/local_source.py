@@ -94,7 +94,7 @@ class LocalSource:
         dims = np.array([self.dim if member.manifold_dim is None else member.manifold_dim for member in self.members])
         return np.full(len(feet), dims[0]) if len(dims) == 1 else dims[feet.element]
 
-    def by_member(self, feet: ClosestPoints) -> Iterator[tuple[LocalSource, Ints, ClosestPoints]]:
+    def feet_by_member(self, feet: ClosestPoints) -> Iterator[tuple[LocalSource, Ints, ClosestPoints]]:
         """Yield each member that contains some of ``feet``, their rows (k,), and their closest points on the member."""
         if self.members[0] is self:
             yield self, np.arange(len(feet)), feet
@@ -175,7 +175,7 @@ def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
     return LocalSource(source, np.array(origin), of=source)
 
 
-def with_noise(source: LocalSource, spacing: float) -> LocalSource:
+def measure_noise(source: LocalSource, spacing: float) -> LocalSource:
     """Return a copy of the source with its ``noise``, the random error of feet, measured within half a ``spacing``.
 
     All points of the segment from a query to its foot have the same foot. Computed feet of such points coincide if they

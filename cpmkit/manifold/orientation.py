@@ -30,7 +30,7 @@ class Orientation:
     directions: Floats | None = None  #: (s, d): unit vectors at the samples; the signs of neighbours agree.
     spacing: float = 0.0  #: Distance of the samples.
 
-    def apply(self, points: Floats, directions: Floats) -> Floats:
+    def orient_directions(self, points: Floats, directions: Floats) -> Floats:
         """Return ``directions`` (n, d) at ``points`` (n, d), with the signs of the samples near by, if there are any.
 
         Of the nearest samples, at most six, the sample whose direction is most nearly parallel decides.
@@ -43,7 +43,7 @@ class Orientation:
         best = np.take_along_axis(agreement, np.abs(agreement).argmax(axis=1)[:, None], 1)
         return np.asarray(np.where(best >= 0, directions, -directions))
 
-    def mean(self, points: Floats) -> Floats:
+    def mean_directions(self, points: Floats) -> Floats:
         """Return unit vectors (n, d): the mean directions of the up to six samples nearest to ``points`` (n, d)."""
         assert self.directions is not None
         mean = self.directions[self._nearest_samples(points)].sum(axis=1)

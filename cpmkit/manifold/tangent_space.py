@@ -42,13 +42,13 @@ def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floa
     ``step`` is the length of the differences of closest points.
     """
 
-    def of_member(member: LocalSource, member_feet: ClosestPoints, _: Ints) -> Floats:
+    def member_normals(member: LocalSource, member_feet: ClosestPoints, _: Ints) -> Floats:
         """Return the unit normals of one member at its feet."""
         if member.has_normals:
             return member.normals(member_feet)
         return np.linalg.eigh(jacobian(member, member_feet.points, step))[1][:, :, 0]
 
-    return _compute_by_member(surface, feet, of_member)
+    return _compute_by_member(surface, feet, member_normals)
 
 
 def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Floats:
@@ -64,7 +64,7 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
     """
     corner = np.zeros(len(feet), dtype=bool)
 
-    def of_member(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
+    def member_tangents(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
         """Return the unit tangents of one member at its feet, and mark its corners in ``corner`` at ``rows``."""
         if member.has_tangents:
             return member.tangents(member_feet)
@@ -72,13 +72,13 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
         corner[rows] = values[:, -1] - values[:, -2] < 0.7
         return np.asarray(axes[:, :, -1])
 
-    return _compute_by_member(curve, feet, of_member), corner
+    return _compute_by_member(curve, feet, member_tangents), corner
 
 
 def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
     """Return ``vectors`` (n, d) projected on the tangent spaces at ``feet``, by differences over ``step`` if needed."""
 
-    def of_member(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
+    def project_on_member(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
         """Return the vectors at ``rows`` projected on the tangent spaces of one member at its feet."""
         of_rows = vectors[rows]
         if member.manifold_dim == member.dim:
@@ -93,7 +93,7 @@ def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, 
         components = np.einsum("nij,ni->nj", axes, of_rows) * (values > 0.5)  # 1 along the manifold
         return np.asarray(np.einsum("nij,nj->ni", axes, components))
 
-    return _compute_by_member(surface, feet, of_member)
+    return _compute_by_member(surface, feet, project_on_member)
 
 
 def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
@@ -104,7 +104,7 @@ def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) ->
     Second order in the step h.
     """
 
-    def of_member(member: LocalSource, member_edge: ClosestPoints, _: Ints) -> Floats:
+    def member_conormals(member: LocalSource, member_edge: ClosestPoints, _: Ints) -> Floats:
         """Return the outward unit conormals of one member at its feet on the edge."""
         y = member_edge.points
         lean = -unit((_feet_around(member, y, step) - y[:, None]).sum(axis=1))
@@ -115,7 +115,7 @@ def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) ->
         near, far = (unit(project_tangent(member, feet, lean, step)) for feet in inside)
         return unit(2 * near - far)
 
-    return _compute_by_member(surface, edge, of_member)
+    return _compute_by_member(surface, edge, member_conormals)
 
 
 def _compute_by_member(
@@ -126,7 +126,7 @@ def _compute_by_member(
     ``compute`` gets a member, its feet and their rows (k,), so that other members near by have no influence.
     """
     vectors = np.empty_like(feet.points)
-    for member, rows, member_feet in surface.by_member(feet):
+    for member, rows, member_feet in surface.feet_by_member(feet):
         vectors[rows] = compute(member, member_feet, rows)
     return vectors
 
@@ -154,7 +154,7 @@ def left_conormals(
     """
     dimension = (source.manifold_dim or 0) + 1
     left = np.empty_like(on_surface.points)
-    for member, rows, member_feet in source.by_member(feet):
+    for member, rows, member_feet in source.feet_by_member(feet):
         if member.has_left:
             left[rows] = member.leftward(member_feet)
             continue
@@ -169,9 +169,9 @@ def left_conormals(
                 conormals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=1)
             else:
                 conormals = unit(np.cross(unit_normals(surface, on_member, step), tangents))
-        left[rows] = signs.apply(on_member.points, conormals)
+        left[rows] = signs.orient_directions(on_member.points, conormals)
         if signs.points is not None and corner.any():  # the bisector
-            left[rows[corner]] = signs.mean(on_member.points[corner])
+            left[rows[corner]] = signs.mean_directions(on_member.points[corner])
     return left
 
 

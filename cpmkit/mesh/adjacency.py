@@ -110,7 +110,7 @@ class Rim:
 
 
 def rim_of_edges(mesh: Mesh) -> Rim:
-    """Return the edges of triangles on the rim with outward vectors perpendicular to them; an empty rim of segments."""
+    """Return the edges of triangles on the rim with outward vectors perpendicular to them; segments have none."""
     if mesh.manifold_dim == 1:
         return Rim(np.zeros(0, dtype=np.int64), np.zeros((0, mesh.dim)))
     edges = mesh.edges

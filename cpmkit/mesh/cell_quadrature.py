@@ -101,7 +101,7 @@ def longest_edge(sampling: str, geometry: CellGeometry, manifold_dim: int) -> fl
 
 
 def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing: float) -> Bools:
-    """Return whether each cell (m,) is clipped at knot planes: no segment, with "auto" no short flat triangle."""
+    """Return which cells (m,) are clipped at knot planes: with "auto" all triangles but short flat ones."""
     if not is_clipped(sampling, mesh.manifold_dim):
         return np.zeros(len(mesh.cells), dtype=bool)
     if sampling == "clipped" or geometry != "flat":

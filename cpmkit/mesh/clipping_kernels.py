@@ -233,8 +233,7 @@ def triangle_samples(
         1/6, 1/6), or their centroid.
     ``single`` (m,): pieces of each triangle get one point if their area times their squared length, in spacings, is
         below this.
-    ``fine``: whether pieces get a rule of degree 4 with six points on each triangle of their fan, as cubic splines
-        need.
+    ``fine``: whether pieces get a rule of degree 4 with six points on each triangle of their fan, for cubic splines.
     """
     curved = nodes.shape[1] == 6
     points, weights, normals = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS), np.empty((MOST_POINTS, 1, 3))

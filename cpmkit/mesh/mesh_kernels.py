@@ -155,9 +155,8 @@ def _signed_root(parent: Ints, sign: Any, cell: int) -> tuple[int, int]:
 def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance: float) -> Ints:
     """Return for each vertex (v,) the lowest number in its cluster: vertices connected by steps up to ``tolerance``.
 
-    ``vertices`` (v, d): positions. ``order`` (v,): numbers of the vertices by ascending ``along``.
-    ``along`` (v,): coordinates of the vertices along a unit vector: only vertices within ``tolerance`` in these are
-        compared.
+    ``vertices`` (v, d): positions. ``order`` (v,): numbers of the vertices by ascending ``along``. ``along`` (v,):
+    coordinates of the vertices along a unit vector: only vertices within ``tolerance`` in these are compared.
     """
     parent = np.arange(len(vertices))
     for i in range(len(order)):

@@ -16,14 +16,14 @@ from cpmkit.mesh.mesh import Connectivity
 from cpmkit.types import Bools, Floats, Ints
 
 
-def with_corners(cells: Ints, corners: int) -> Ints:
+def cells_with_corners(cells: Ints, corners: int) -> Ints:
     """Return those rows of ``cells`` (m, k) that have this number of ``corners``, (n, corners), without padding.
 
     Examples
     --------
     >>> import numpy as np
     >>> cells = np.array([[0, 1, 2], [3, 4, -1], [5, -1, -1]])
-    >>> with_corners(cells, 2).tolist(), with_corners(cells, 3).tolist()
+    >>> cells_with_corners(cells, 2).tolist(), cells_with_corners(cells, 3).tolist()
     ([[3, 4]], [[0, 1, 2]])
     """
     if corners > cells.shape[1]:
@@ -84,7 +84,7 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
     Raises InputError if the mesh has cells of a dimension that no member has, such as a solid's boundary, or none of
     this dimension.
     """
-    dimensions = {corners - 1 for corners in (1, 2, 3) if len(with_corners(cells, corners))}
+    dimensions = {corners - 1 for corners in (1, 2, 3) if len(cells_with_corners(cells, corners))}
     if dim not in dimensions or not dimensions <= {member.manifold_dim for member in members_of(surface)}:
         names = " and ".join({0: "points", 1: "segments", 2: "triangles"}[shown] for shown in sorted(dimensions))
         raise InputError(
@@ -92,7 +92,7 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
             f"where a manifold of dimension {dim} is integrated over; curves, surfaces and areas of the plane with a "
             "mesh that fills them are accepted."
         )
-    return with_corners(cells, dim + 1)
+    return cells_with_corners(cells, dim + 1)
 
 
 def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[Floats, Ints]:
@@ -108,7 +108,7 @@ def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float
 
     parts = []
     for corners in (3, 2):
-        part = with_corners(cells, corners)
+        part = cells_with_corners(cells, corners)
         while True:
             edges = Connectivity(part, len(attributes)).edges
             long = edges.lengths(attributes[:, :dim]) > longest
@@ -123,7 +123,7 @@ def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float
                 (a, b), p = part[long].T, middle[long]
                 part = np.concatenate([part[~long], np.stack([a, p], axis=1), np.stack([p, b], axis=1)])
         parts.append(part)
-    return attributes, stack_cells([*parts, with_corners(cells, 1)])
+    return attributes, stack_cells([*parts, cells_with_corners(cells, 1)])
 
 
 class Polyline(NamedTuple):
@@ -196,7 +196,7 @@ def cut_by_distance(
     sign[zero] = np.where(_distance_from_curve(points[zero], curve) < CROSSED_EDGE_SHARE * spacing, 0.0, np.nan)
     edges, cells, sides = np.zeros((0, 2), dtype=np.int64), [], []
     for corners, split in ((3, _cut_triangles), (2, _cut_segments), (1, None)):
-        part = with_corners(pieces.cells, corners)
+        part = cells_with_corners(pieces.cells, corners)
         if not len(part):
             continue
         part_edges, cell_edges = number_edges(part, count)

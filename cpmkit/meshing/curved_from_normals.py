@@ -257,8 +257,9 @@ def _is_supported_union(source: LocalSource) -> bool:
 def _move_onto_boundaries(mesh: Mesh, normals: SmoothNormals, boundaries: Sequence[LocalSource | None]) -> Mesh:
     """Return the mesh with boundary vertices moved along the surface to their boundaries, then back onto the surface.
 
-    Vertices farther from it than ``ONTO_BOUNDARY_EDGE_SHARE`` stay. Vertices on creases, and their neighbours, stay on
-    the triangles, because no normal is that of both sides. ``normals`` are those at the vertices.
+    Vertices farther from their boundary than ``ONTO_BOUNDARY_EDGE_SHARE`` of their shortest edge stay. Vertices on
+    creases, and their neighbours, stay on the triangles, because no normal is that of both sides. ``normals`` are those
+    at the vertices.
     """
     vertices, on_cut = mesh.vertices.copy(), np.unique(mesh.cut)
     reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edge_lengths(mesh, on_cut, np.minimum, np.inf)

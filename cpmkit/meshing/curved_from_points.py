@@ -50,9 +50,9 @@ def curve_cells_by_closest_points(
 def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return the mesh with its vertices on the manifold, rim vertices on its rim, boundary vertices on the boundaries.
 
-    Vertices farther from it than ``ONTO_BOUNDARY_EDGE_SHARE`` stay; facets past a tip lie on the manifold alone.
-    Vertices beside boundaries move along; facets and cells change where triangles would turn over. ``source`` is the
-    manifold; for ``boundaries`` see :func:`curve_cells_by_closest_points`.
+    Vertices farther from their boundary than ``ONTO_BOUNDARY_EDGE_SHARE`` of their longest edge stay; facets past a tip
+    lie on the manifold alone. Vertices beside boundaries move along; facets and cells change where triangles would
+    turn over. ``source`` is the manifold; for ``boundaries`` see :func:`curve_cells_by_closest_points`.
     """
     rim = rim_of_vertices(mesh)
     points = _project_to_manifold(source, mesh.vertices, rim)

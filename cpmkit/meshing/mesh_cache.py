@@ -32,7 +32,7 @@ class RepairedMesh:
     mesh: Mesh  #: The repaired mesh where the source stands in the scene.
     report: RepairReport
 
-    def apply(self, mesh: Mesh) -> Mesh:
+    def repair_copy(self, mesh: Mesh) -> Mesh:
         """Return the repaired mesh of a translated copy ``mesh`` of the original; connectivity is shared."""
         return self.mesh.with_same_cells(vertices=mesh.vertices[self.vertex_of])
 
@@ -117,9 +117,9 @@ def repair_source_mesh(source: LocalSource, mesh: Mesh, split: bool = False) -> 
     cache = mesh_cache_of(source)
     if cache is not None and mesh.midpoints is None and not len(mesh.cut):
         if mesh.cells is cache.original.cells:
-            return cache.first_repair.apply(mesh), cache.first_repair.report
+            return cache.first_repair.repair_copy(mesh), cache.first_repair.report
         if mesh.cells is cache.first_repair.mesh.cells:
-            return cache.second_repair.apply(mesh), cache.second_repair.report
+            return cache.second_repair.repair_copy(mesh), cache.second_repair.report
     if split and has_distinct_vertices(mesh):
         return mesh, RepairReport(0, 0, 0)
     return repair(mesh)

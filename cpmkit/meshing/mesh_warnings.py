@@ -80,7 +80,7 @@ def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator
 
 
 def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
-    """Yield a warning if the closest points of ``source`` are too noisy for the lattice's ``spacing``."""
+    """Yield a warning if the noise of ``source`` is above ``NOISE_SHARE`` of the lattice's ``spacing``."""
     if source.noise > NOISE_SHARE * spacing:
         yield (
             f"Closest points of this source are uncertain by about {source.noise:.2g}: points of one normal have other "
@@ -89,7 +89,7 @@ def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
         )
 
 
-def with_noise_advice(texts: Iterator[str], source: LocalSource, spacing: float) -> tuple[str, ...]:
+def replace_spacing_advice(texts: Iterator[str], source: LocalSource, spacing: float) -> tuple[str, ...]:
     """Return ``texts``; if ``source`` is noisy at ``spacing``, with :data:`EXACTER` for "use a smaller spacing".
 
     A smaller spacing would increase the error by noise.

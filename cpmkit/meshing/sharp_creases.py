@@ -113,9 +113,9 @@ def _faces_at(mesh: Mesh, creased: Bools) -> Faces:
 def points_on_creases(source: LocalSource, points: Floats, faces: Faces) -> tuple[Floats, Bools]:
     """Return ``points`` (n, d) with the nodes of ``faces`` moved onto creases, and whether (n,) each is on one.
 
-    Other nodes, those at smooth places and those that would move far (``FARTHEST_SHARE``) stay. A node x
-    moves by the shortest vector that takes it onto the planes through feet p on the faces with normals n,
-    ``n . (x - p) = 0``, in the sense of least squares, for planes ever nearer to it.
+    Other nodes, those at smooth places and those that would move far (``FARTHEST_SHARE``) stay. A node x moves by
+    the shortest vector that takes it onto the planes through feet p on the faces with normals n, ``n . (x - p) = 0``,
+    in the sense of least squares, for planes ever nearer to it.
     """
     nodes, node, times = np.unique(faces.node, return_inverse=True, return_counts=True)
     start, dim = points[nodes], points.shape[1]

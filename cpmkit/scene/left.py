@@ -73,7 +73,7 @@ class SampledBoundary:
             on_surface = surface.closest_point(samples.points)
             left = left_conormals(source, surface, AS_GIVEN, on_surface, samples, 0.5 * spacing)
             is_own = np.full(len(samples), dimension == surface.dim)
-            for member, rows, _ in surface.by_member(on_surface):
+            for member, rows, _ in surface.feet_by_member(on_surface):
                 is_own[rows] |= member.knows_directions(dimension)
             is_own &= dimension == 1 or source.knows_directions(dimension - 1)
             agreeing, piece, consistent, sure = propagate_signs(on_surface.points, left, tangents, spacing)

@@ -17,7 +17,7 @@ from cpmkit.manifold.abilities import HasGivenMesh, HasNormals
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.mesh import vertex_normals
-from cpmkit.mesh.mixed_cells import CutCells, cut_by_distance, mesh_method, refine_mixed_cells, with_corners
+from cpmkit.mesh.mixed_cells import CutCells, cells_with_corners, cut_by_distance, mesh_method, refine_mixed_cells
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats, Ints, Side
@@ -45,17 +45,17 @@ class DisplayMesh:
     @property
     def triangles(self) -> Ints:
         """Cells (t, 3) with three corners."""
-        return with_corners(self.cells, 3)
+        return cells_with_corners(self.cells, 3)
 
     @property
     def segments(self) -> Ints:
         """Cells (s, 2) with two corners."""
-        return with_corners(self.cells, 2)
+        return cells_with_corners(self.cells, 2)
 
     @property
     def dots(self) -> Ints:
         """Vertices (p,) that are cells with one corner."""
-        return with_corners(self.cells, 1)[:, 0]
+        return cells_with_corners(self.cells, 1)[:, 0]
 
 
 def display_mesh(solution: SolutionRecord) -> DisplayMesh:
@@ -89,7 +89,7 @@ def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats
 
     Those of points (cells with a single corner) have any sign. None in the plane, and if all cells are segments.
     """
-    triangles, dots = with_corners(cells, 3), with_corners(cells, 1)[:, 0]
+    triangles, dots = cells_with_corners(cells, 3), cells_with_corners(cells, 1)[:, 0]
     if points.shape[1] == 2 or not len(triangles) + len(dots):
         return None
     normals = vertex_normals(points, triangles)

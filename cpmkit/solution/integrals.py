@@ -21,7 +21,13 @@ from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.adjacency import rim_of_edges, rim_of_vertices
 from cpmkit.mesh.cell_quadrature import OUTWARD_EDGE_SHARE, limit_midpoint_shift, project_edge_midpoints, quadratic_rule
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions, mesh_method, refine_mixed_cells, with_corners
+from cpmkit.mesh.mixed_cells import (
+    cells_of_dimension,
+    cells_with_corners,
+    member_dimensions,
+    mesh_method,
+    refine_mixed_cells,
+)
 from cpmkit.scene.boundary import boundary_number
 from cpmkit.scene.data import evaluate_data
 from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS, evaluate_on_sides, project_onto_boundaries
@@ -128,7 +134,7 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
         return _from_bump(source, surface, spacing, dim)
     points, cells = source.mesh(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
-    cells = with_corners(cells, dim + 1)
+    cells = cells_with_corners(cells, dim + 1)
     flat = Mesh.of(points, cells)
     nodes = surface.closest_point(source.closest_point(points).points).points
     middles = surface.closest_point(project_edge_midpoints(source, flat)).points
@@ -171,8 +177,8 @@ def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> t
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
     if surface.dim == 3 and surface.manifold_dim == 3:
         raise InputError("The flux through the surface of a solid in space is not offered; compute that of a boundary.")
-    parts = [_rim_of_triangles(surface, points, with_corners(cells, 3), spacing)]
-    rim = rim_of_vertices(Mesh.of(points, with_corners(cells, 2)))  # the ends of segments, each with weight 1
+    parts = [_rim_of_triangles(surface, points, cells_with_corners(cells, 3), spacing)]
+    rim = rim_of_vertices(Mesh.of(points, cells_with_corners(cells, 2)))  # the ends of segments, each with weight 1
     beyond = points[rim.rows] + BEYOND_RIM_SPACINGS * spacing * unit(rim.outward)
     parts.append((surface.closest_point(beyond), np.ones(len(beyond))))
     feet = ClosestPoints.join([part for part, _ in parts])

@@ -13,14 +13,14 @@ from extremes.noisy import Noisy
 from made_cases import CASES, source_of
 
 import cpmkit as ck
-from cpmkit.manifold.local_source import with_noise
+from cpmkit.manifold.local_source import measure_noise
 from cpmkit.plugin import localize
 
 SPHERE = ck.source("analytic.sphere", center=[0, 0, 0])
 
 
 def noise_of(source, spacing):
-    return with_noise(localize(source, np.zeros(source.dim)), spacing).noise
+    return measure_noise(localize(source, np.zeros(source.dim)), spacing).noise
 
 
 @pytest.mark.parametrize("size", [1e-7, 1e-4, 1e-2])

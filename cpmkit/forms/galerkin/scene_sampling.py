@@ -26,7 +26,7 @@ from cpmkit.forms.galerkin.refinement.regions import Regions, grade_mesh, grade_
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
-from cpmkit.manifold.local_source import LocalSource, localize, with_noise
+from cpmkit.manifold.local_source import LocalSource, localize, measure_noise
 from cpmkit.mesh.adjacency import HalfFacets, cut_corners, half_facets, has_cut_corners, seam_midpoints
 from cpmkit.mesh.cell_quadrature import (
     PLAIN_EDGE_SPACINGS,
@@ -49,9 +49,9 @@ from cpmkit.meshing.mesh_warnings import (
     insertion_warnings,
     noise_warnings,
     repair_warnings,
+    replace_spacing_advice,
     seam_warnings,
     tracing_warnings,
-    with_noise_advice,
 )
 from cpmkit.meshing.source_cells import source_cells
 from cpmkit.scene.boundary import Boundary
@@ -240,7 +240,7 @@ def _repaired_cells(
     if source_mesh is not None:
         mesh, repairs = repair_source_mesh(surface, source_mesh.mesh, source_mesh.split)
         return surface, mesh, source_mesh.geometry, tuple(repair_warnings(repairs, source_mesh.geometry))
-    surface = with_noise(surface, spacing)
+    surface = measure_noise(surface, spacing)
     warnings = tuple(noise_warnings(surface, spacing))
     if surface.manifold_dim == 1:
         mesh, trace_defects = contour_curve(surface, spacing)
@@ -248,7 +248,7 @@ def _repaired_cells(
     else:
         mesh, surface_report = contour_surface(surface, spacing)
         contouring = contouring_warnings(surface_report, surface)
-    return surface, mesh, "closest_point", warnings + with_noise_advice(contouring, surface, spacing)
+    return surface, mesh, "closest_point", warnings + replace_spacing_advice(contouring, surface, spacing)
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[Boundary], spacing: float) -> None:

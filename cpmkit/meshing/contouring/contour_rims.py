@@ -64,7 +64,7 @@ class RimTest:
         return norms(closest - expected) / reach
 
     def of_edges(self, vertices: Floats, edges: OpenEdges) -> Bools:
-        """Return which of the open ``edges`` (b,) lie beside a rim."""
+        """Return which of the open ``edges`` (b,), between ``vertices`` (v, 3), lie beside a rim."""
         at_rim = np.zeros(len(edges.edge), dtype=bool)
         normals = edges.normals(vertices)
         for reach in (0.05, 1.2, 2.0):  # spacings: a rim may be nearer than the next one beyond a gap

@@ -55,7 +55,7 @@ class ConstrainedTriangulation:
     def insert_point(self, root: int, place: Vector) -> int:
         """Return the vertex at a point ``place`` of the original triangle ``root``, a new vertex unless one is near.
 
-        A point near an edge splits that edge; ``SNAP_SHARE`` and its kin say what is near.
+        A point near an edge splits that edge; ``SNAP_SHARE`` and the constants after it say what is near.
         """
         net = self.triangulation
         cell = self._containing_part(root, place)
@@ -138,14 +138,14 @@ class ConstrainedTriangulation:
         return new
 
     def constrain_path(self, path: list[int], owner: int, beyond_tip: bool = False) -> None:
-        """Put the edges of a path on boundary ``owner``; edges that lie on a boundary already stay with it."""
+        """Put the edges of a path, in the boundary's direction, on boundary ``owner``; edges on another stay there."""
         for a, b in pairwise(path):
             self.edges.setdefault(edge_key(a, b), BoundaryEdge(a, b, owner, beyond_tip))
             for vertex in (a, b):
                 self.owners_at.setdefault(vertex, set()).add(owner)
 
     def edges_within(self, cells: list[int], place: Vector, reach: float) -> set[Edge]:
-        """Return the edges within ``reach`` of a point, found from ``cells`` by crossing such edges only."""
+        """Return the edges within the length ``reach`` of a point, found from ``cells`` by crossing such edges."""
         net = self.triangulation
         waiting, seen, edges = list(cells), set(cells), set[Edge]()
         while waiting:

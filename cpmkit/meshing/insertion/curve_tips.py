@@ -42,7 +42,7 @@ def join_stray_tips(finder: PathFinder, counts: Counter[str]) -> None:
 
 
 def extend_tips(finder: PathFinder, reach: float, counts: Counter[str]) -> None:
-    """Extend the curve straight past each tip, over ``reach`` or up to a rim or a curve; count the tips as ``tips``."""
+    """Extend curves straight past each tip, by the length ``reach`` or up to a rim or curve; count the tips as ``tips``."""
     links = _boundary_links(finder)
     for tip in _tips(finder, links):
         counts["tips"] += 1
@@ -77,7 +77,7 @@ def _tips(finder: PathFinder, links: Links) -> list[int]:
 def _tail(finder: PathFinder, links: Links, tip: int, limit: float) -> tuple[int | None, list[int]]:
     """Return the vertex where the curve that ends at ``tip`` meets others or ends, and the path from the tip to it.
 
-    The vertex is None if the path would be longer than ``limit``.
+    The vertex is None if the path is longer than ``limit``: then it ends with the first vertex beyond.
     """
     path, left = [tip], limit
     while True:
@@ -91,7 +91,7 @@ def _tail(finder: PathFinder, links: Links, tip: int, limit: float) -> tuple[int
 
 
 def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
-    """Join a tip to the nearest curve or rim within reach by new boundary edges; return whether it was joined."""
+    """Join a tip to the nearest curve or rim within ``STRAY_SHARE`` by boundary edges; return whether it did."""
     net, constrained, here = finder.triangulation, finder.constrained, finder.triangulation.position(tip)
     reach = STRAY_SHARE * net.size(tip)
     own_end = set(_tail(finder, links, tip, 3.0 * reach)[1])  # a tip is not joined to its own curve that near to it

@@ -24,7 +24,10 @@ PAST_RIM_SHARE = 0.02
 
 
 def simplify_curve(search: TriangleSearch, line: Polyline, source: LocalSource, owner: int) -> SimplifiedCurve:
-    """Return ``line``, on the curve ``source`` of boundary ``owner``, with fewer points, at most .01 L off the rest."""
+    """Return ``line``, on the curve ``source`` of boundary ``owner``, with fewer points (:func:`simplify_polyline`).
+
+    The tolerance is .01 local edge lengths of the triangles of ``search``.
+    """
     points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
     rows = simplify_polyline(points, 0.01 * search.local_size(points))
     return SimplifiedCurve.of(points[rows[:-1] if line.closed else rows], line.closed, source, owner)

@@ -226,7 +226,7 @@ class SplitTriangulation:
         return new
 
     def refine_path(self, path: list[int]) -> list[int]:
-        """Return a path over edges, with vertices added at which its edges have been split since."""
+        """Return a path over edges, with vertices added at which these have been split since the path was made."""
         refined = path[:1]
         for goal in path[1:]:
             waiting = [goal]
@@ -239,7 +239,7 @@ class SplitTriangulation:
         return refined
 
     def mesh(self, dim: int) -> Mesh:
-        """Return the current triangles as a mesh with ``dim`` coordinates, without boundaries."""
+        """Return the current triangles as a mesh with the first ``dim`` coordinates, without boundaries."""
         old = self.original
         new = [self._points[vertex] for vertex in range(len(old.vertices), self._vertex_count)]
         vertices = np.concatenate([old.vertices, np.array(new).reshape(-1, 3)])[:, :dim]

@@ -163,9 +163,9 @@ def barycentric_position(triangulation: SplitTriangulation, root: int, shares: F
 def match_to_surface(triangulation: SplitTriangulation, points: Floats, candidates: Projections) -> Projections:
     """Return one of the ``candidates`` for each of consecutive ``points`` (n, 3), so that the curve stays on its sheet.
 
-    Each point must have a candidate (:meth:`TriangleSearch.candidates`). Their total cost is least. Each
-    projection costs its distance. Each step between triangles without a common vertex costs path - 1.5 (chord + L), at
-    least 0 and at most 6 L; path is the shortest over edges, L the edge length there.
+    Each point must have one (:meth:`TriangleSearch.candidates`). The total cost is least. Each projection costs its
+    distance. Each step between triangles without a common vertex costs path - 1.5 (chord + L), at least 0 and at most
+    6 L; path is the shortest over edges, L the edge length there.
     """
     first = np.flatnonzero(np.diff(candidates.point, prepend=-1))
     counts = np.diff(np.append(first, len(candidates.point)))
@@ -225,7 +225,7 @@ def _step_costs(
 
 
 def polylines_of_source(source: LocalSource, length: float) -> list[Polyline] | None:
-    """Return polylines from the curve's own mesh at the resolution ``length``, refined; None without such a mesh."""
+    """Return polylines from the curve's own mesh for the edge ``length``, refined; None without a mesh of segments."""
     if not isinstance(source.source, HasMesh):
         return None
     vertices, cells = source.source.mesh(length)

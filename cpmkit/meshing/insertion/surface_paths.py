@@ -64,7 +64,7 @@ class PathFinder:
 
         The path is as straight as possible: in the plane of the mean normal of its ends, else through the projection of
         its middle, else in the plane of the normal at v or at w; triangles that it crosses are split. Failing these it
-        is the shortest path over existing edges.
+        is the shortest path over existing edges, up to 6 times the distance and 12 local edge lengths.
         """
         path, net = self._bisected_path(v, w, 4), self.triangulation
         if path is None:
@@ -98,7 +98,7 @@ class PathFinder:
         return self.constrained.insert_point(root, barycentric_position(self.triangulation, root, nearest.shares[0]))
 
     def _planar_path(self, v: int, w: int, normal: Vector) -> list[int] | None:
-        """Return the path from v to w in planes of ``normal`` and the direction to w; None if too long or cut off."""
+        """Return the path from v to w in planes of ``normal`` and the direction to w; None if a detour, or at a rim."""
         net, goal = self.triangulation, self.triangulation.position(w)
         left = self._detour_length(v, w)
         path = [v]
