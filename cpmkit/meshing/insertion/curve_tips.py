@@ -42,7 +42,7 @@ def join_stray_tips(finder: PathFinder, counts: Counter[str]) -> None:
 
 
 def extend_tips(finder: PathFinder, reach: float, counts: Counter[str]) -> None:
-    """Extend curves straight past each tip, by the length ``reach`` or up to a rim or curve; count the tips as ``tips``."""
+    """Extend curves straight past their tips by a length ``reach``, or up to a rim or a curve; count these ``tips``."""
     links = _boundary_links(finder)
     for tip in _tips(finder, links):
         counts["tips"] += 1
