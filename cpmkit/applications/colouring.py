@@ -44,10 +44,11 @@ class ArcLengthShare:
     def __call__(self, points: Floats) -> Floats:
         """Return the shares (n,), from 0 to 1, of the points of the curve nearest to ``points`` (n, d).
 
-        A closed curve begins where its own mesh does, at a polyline's first point.
+        A closed curve begins where its own mesh does, at a polyline's first point. Raises InputError if the source is
+        no curve with a mesh, or branches.
         """
         feet = self.curve.closest_point(np.ascontiguousarray(points, dtype=np.float64)).points
-        tree, starts, ends, before, totals = self._pieces
+        tree, starts, ends, before, totals = self._short_segments
         row = np.asarray(tree.query(feet)[1])
         step = ends[row] - starts[row]
         length = np.maximum(norms(step), np.finfo(float).tiny)
@@ -55,11 +56,11 @@ class ArcLengthShare:
         return np.asarray((before[row] + ahead) / totals[row])
 
     @cached_property
-    def _pieces(self) -> tuple[Any, Floats, Floats, Floats, Floats]:
+    def _short_segments(self) -> tuple[Any, Floats, Floats, Floats, Floats]:
         """Short pieces of the curves, in the direction of each; computed at first use.
 
         They are a search tree of their middles, their starts (p, d) and ends (p, d), the arc lengths (p,) at the starts
-        and the lengths (p,) of their curves. Raises InputError if the source is no curve with a mesh, or branches.
+        and the lengths (p,) of their curves.
         """
         from scipy.spatial import cKDTree
 
@@ -103,19 +104,20 @@ class Ramp:
 
 
 def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
-    """Return the Dirichlet datum with three channels for ``colours``, as :func:`diffusion_curves` accepts for a side.
+    """Return the Dirichlet datum for ``colours`` of a side, as in :func:`diffusion_curves`: a list of 3, or a function.
 
     Rows of colours are placed by ``along``. Raises InputError, which names the colours as ``label``, for other input.
     """
     if callable(colours):
 
-        def checked(points: Floats) -> Floats:
+        def checked_colours(points: Floats) -> Floats:
+            """Return the colours (n, 3) at points (n, d); raise InputError for another shape, or outside of [0, 1]."""
             values = np.asarray(colours(points), dtype=np.float64)
             if values.shape != (len(points), 3):
                 raise InputError(f"{label} must return colours of shape ({len(points)}, 3), got {values.shape}.")
             return as_colours(values, label)
 
-        return checked
+        return checked_colours
     if isinstance(colours, (str, Path)) and Path(colours).suffix.lower() in (".npy", ".csv"):
         colours = _read_curve_colours(Path(colours), label)
     if isinstance(colours, str):
@@ -137,9 +139,9 @@ def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
 
 
 def _read_curve_colours(name: Path, label: str) -> Floats:
-    """Return the rows of the file ``name``, .npy or .csv, unchecked: (k, 3) colours, or (k, 4) with shares before them.
+    """Return the rows of the file ``name``, .npy or .csv, unchecked: (k, 3) colours, or (k, 4) with shares of length.
 
-    Shares are those of the curve's length. Raises InputError, by ``label`` for a .csv, if the file is not readable.
+    Raises InputError, by ``label`` for a .csv, if the file is not readable.
     """
     file = find_file(name)
     if file.suffix.lower() == ".npy":
@@ -163,12 +165,12 @@ def prescribed_range(scene: ck.Scene, spacing: float) -> Floats:
     conditions: list[tuple[Any, Any]] = [(condition, None) for condition in scene.edge_conditions]
     for boundary in scene.boundaries:
         conditions += [(boundary.condition(side), boundary.source) for side in ("left", "right")]
-    samples = [np.clip(_values_of(condition, curve, spacing), 0.0, 1.0) for condition, curve in conditions]
+    samples = [np.clip(_prescribed_values(condition, curve, spacing), 0.0, 1.0) for condition, curve in conditions]
     values = np.concatenate(samples)
     return np.stack([values.min(axis=0), values.max(axis=0)])
 
 
-def _values_of(condition: Any, curve: ClosestPointSource | None, spacing: float) -> Floats:
+def _prescribed_values(condition: Any, curve: ClosestPointSource | None, spacing: float) -> Floats:
     """Return the values (k, 3) that a condition prescribes: k = 0 for zero flux, rows of 0 and of 1 if unknown.
 
     A function is sampled ``spacing`` apart on ``curve``, the source of its boundary; None for the edge.
@@ -270,7 +272,7 @@ def diffusion_curves(
     """
     scene = scene_of(surface)
     named = curves if isinstance(curves, Mapping) else {f"curve {number}": pair for number, pair in enumerate(curves)}
-    boundaries = [_boundary(name, pair) for name, pair in named.items()]
+    boundaries = [_curve_boundary(name, pair) for name, pair in named.items()]
     if not any(curve.condition(side).kind == "dirichlet" for curve in boundaries for side in ("left", "right")):
         raise InputError("no side of a curve has a colour; give one at least.")
     whole = ck.Scene(scene.surface, ck.Laplace(), [*scene.boundaries, *boundaries], scene.edge)
@@ -285,23 +287,23 @@ def diffusion_curves(
     return ColouredSurface(solution, prescribed_range(whole, 0.25 * solution.spacing))
 
 
-def _boundary(name: str, pair: Any) -> ck.Boundary:
+def _curve_boundary(name: str, pair: Any) -> ck.Boundary:
     """Return the boundary ``name`` of a ``pair`` (curve, colours) with its conditions; raise InputError for others."""
     if not isinstance(pair, (tuple, list)) or len(pair) != 2 or not isinstance(pair[0], ClosestPointSource):
         raise InputError(f"{name} must be a pair (source of a curve, its colours), got {shown(pair)}.")
     curve, colours = pair
     along = ArcLengthShare(curve)
     if not isinstance(colours, Mapping):
-        return ck.Boundary(name, curve, both=_condition(colours, along, f"the colour of {name}"))
+        return ck.Boundary(name, curve, both=_side_condition(colours, along, f"the colour of {name}"))
     if set(colours) != {"left", "right"}:
         raise InputError(
             f"colours of {name} are given as left and right, with None for a barrier, got "
             f"{', '.join(map(str, colours)) or 'none'}."
         )
-    sides = {side: _condition(colours[side], along, f"the {side} colour of {name}") for side in ("left", "right")}
+    sides = {side: _side_condition(colours[side], along, f"the {side} colour of {name}") for side in ("left", "right")}
     return ck.Boundary(name, curve, **sides)
 
 
-def _condition(colours: Any, along: ArcLengthShare, label: str) -> Any:
+def _side_condition(colours: Any, along: ArcLengthShare, label: str) -> Any:
     """Return the condition of one side of a curve: zero flux if ``colours`` is None, else Dirichlet by colour_data."""
     return ck.Neumann(0.0) if colours is None else ck.Dirichlet(colour_data(colours, along, label))

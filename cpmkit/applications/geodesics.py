@@ -21,7 +21,7 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications import heat
-from cpmkit.applications.result import Measured, count_rounds, measure_to_target
+from cpmkit.applications.result import Measured, check_rounds, measure_to_target
 from cpmkit.errors import ResolutionError, place
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, unit
@@ -35,7 +35,7 @@ from cpmkit.types import Bools, Floats
 PRESCRIBED_SPACINGS = 3.0
 
 
-def transport_solver(prepared: Prepared) -> Prepared:
+def prepare_transport(prepared: Prepared) -> Prepared:
     """Return the prepared scene with one preconditioner for all rounds of transport and a default residual of 1e-7."""
     solver = prepared.solver
     if solver.solver_tolerance is None:
@@ -53,11 +53,11 @@ def transport_distance(
 ) -> Solution:
     """Return the solution phi of -e Lap phi + sign X . grad phi = sign - e div X, e = 1.05 h, a transported distance.
 
-    ``prepared``: the manifold, as :func:`transport_solver` returns it.
+    ``prepared``: the manifold, as :func:`prepare_transport` returns it.
     ``field``: the unit vectors X (p, d) along which phi grows.
     ``prescribed`` (p,): the points at which phi is prescribed, by a penalty.
     ``target`` (p,): the values of phi there.
-    ``sign`` (p,): sign of phi: it is transported along X where it is positive, and against X where it is negative.
+    ``sign``, number or (p,): 1, 0 or -1, the sign of phi: it is transported along X where positive, else against X.
     ``guess``: initial guess of iterative solvers; None for zero.
     """
     h = prepared.discretized.spacing
@@ -91,12 +91,12 @@ class Distance(Measured):
         at = as_points(points, surface.dim)
         distance = self.solution.evaluate(at)
         feet = surface.closest_point(at).points
-        straight = self.origins.closest(feet)[0]
+        straight = self.origins.closest_origins(feet)[0]
         at_tip = (straight < 2 * h) & (distance < PRESCRIBED_SPACINGS * h)  # splines round the tip off
         distance = np.where(at_tip, straight, np.maximum(distance, 0.0))
         if self.reached.all():
             return distance
-        return np.where(self.reached[self.pieces.numbers_at(self.solution.discretized, feet)], distance, np.inf)
+        return np.where(self.reached[self.pieces.piece_numbers(self.solution.discretized, feet)], distance, np.inf)
 
     def at_vertices(self) -> Floats:
         """Return the distance (n,) at the vertices from which the surface was made, as ``Solution.at_vertices`` does.
@@ -106,9 +106,9 @@ class Distance(Measured):
         return values_at_vertices(self.solution, self.evaluate)
 
     def path(self, start: Any) -> list[Floats]:
-        """Return the shortest path (m, d) to the origins from each of the points ``start`` (k, d) or (d,), by descent.
+        """Return k shortest paths (m, d), each from one of the points ``start``, (k, d) or (d,), to the nearest origin.
 
-        The k paths begin on the manifold and descend at once by the midpoint rule, in steps of half a spacing. Raises
+        Paths begin on the manifold and descend the distance by the midpoint rule, in steps of half a spacing. Raises
         ResolutionError if a point is on a piece without an origin, or a path is caught at a barrier.
         """
         surface, h = self.solution.scene.surface, self.solution.spacing
@@ -136,7 +136,7 @@ class Distance(Measured):
                 f"{start[moving[0]]}; they are caught at a barrier, or where the distance is not resolved: use a "
                 "smaller spacing."
             )
-        ends = self.origins.closest(at)[1]
+        ends = self.origins.closest_origins(at)[1]
         return [np.array([*path, end]) for path, end in zip(paths, ends, strict=True)]
 
 
@@ -193,7 +193,7 @@ def geodesic_distance(
     >>> bool(abs(distance.evaluate([[1, 0, 0]])[0] - 1.5708) < 0.01)
     True
     """
-    rounds = count_rounds(method, rounds)
+    rounds = check_rounds(method, rounds)
     sources = heat.origins_of(origins, heat.scene_of(surface).surface)
     return measure_to_target(surface, spacing, options, lambda scene: _solve_geodesic_distance(scene, sources, rounds))
 
@@ -203,8 +203,8 @@ def _solve_geodesic_distance(prepared: Prepared, origins: heat.Origins, rounds: 
     points = prepared.discretized.points  # a local, so that all fields below share the array
     pieces = heat.pieces_of(prepared)
     straight, reached = _nearest_origins(prepared, origins, pieces, points)
-    field, phi = _distance_by_heat(prepared, origins, straight, pieces)
-    transport, unreached = transport_solver(prepared), ~reached[pieces.of_point]
+    field, phi = _heat_distance(prepared, origins, straight, pieces)
+    transport, unreached = prepare_transport(prepared), ~reached[pieces.of_point]
     for _ in range(rounds):
         # The previous distance must be small, too: the opposite side of a thin part is not prescribed.
         beside = np.maximum(prepared.field(phi).values, straight) < PRESCRIBED_SPACINGS * phi.spacing
@@ -224,27 +224,27 @@ def _solve_geodesic_distance(prepared: Prepared, origins: heat.Origins, rounds: 
 def _nearest_origins(
     prepared: Prepared, origins: heat.Origins, pieces: heat.Pieces, points: Floats
 ) -> tuple[Floats, Bools]:
-    """Return the straight distances (p,) of ``points`` (p, d) from origins, and which pieces (count,) have an origin.
+    """Return straight distances (p,) of ``points`` (p, d) from origins, and a mask (count,) of pieces with an origin.
 
     A distance is infinite where the nearest origin lies on another piece.
     """
     form = prepared.discretized
-    straight, _, number = origins.closest(points)
+    straight, _, number = origins.closest_origins(points)
     places, owner = origins.samples(form.spacing)
     lies_on = np.zeros((owner.max() + 1, pieces.count), dtype=bool)
-    lies_on[owner, pieces.numbers_at(form, places)] = True
+    lies_on[owner, pieces.piece_numbers(form, places)] = True
     return np.where(lies_on[number, pieces.of_point], straight, np.inf), np.asarray(lies_on.any(axis=0))
 
 
-def _distance_by_heat(
+def _heat_distance(
     prepared: Prepared, origins: heat.Origins, straight: Floats, pieces: heat.Pieces
 ) -> tuple[ck.Field, Solution]:
     """Return the field X (p, d) of unit vectors away from the origins, and the distance by the heat method.
 
-    A constant is added to the distance on each piece so that it is the ``straight`` distance (p,) beside the origins.
+    On each piece a constant is added so that it is the ``straight`` distance (p,) beside the origins.
     """
     field = heat.heat_directions(prepared, origins, pieces)
-    phi = heat.heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
+    phi = heat.prepare_heat(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
     h, shifts = phi.spacing, np.zeros(pieces.count)
     for piece in range(pieces.count):
         of_piece = pieces.of_point == piece

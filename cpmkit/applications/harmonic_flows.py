@@ -56,17 +56,17 @@ def implicit_flow(
     ``prepared``: the manifold with landmarks as boundaries.
     ``target``: the manifold of the images.
     ``start`` (p, k): images of the points of ``prepared``.
-    ``step``: the longest step.
+    ``step``: the longest step, in the unit of length squared.
     ``most_steps``: limit of the number of steps.
     ``rest``: relative change of the energy below which the flow is at rest.
-    ``covering``: area that the initial map covers; 0 if unknown.
+    ``covering``: area of the target that the initial map covers; 0 if unknown.
     """
     points = prepared.field(start).projected().project(target)
     state = _State(points, np.zeros_like(start), points.energy())
     first = min(step, prepared.discretized.spacing**2)
     length, energy, rests = first, [state.energy], False
     while len(energy) <= most_steps and not rests:
-        later = _step(prepared, target, state, length)
+        later = _implicit_step(prepared, target, state, length)
         unchecked = state.solution is None and bool(prepared.scene.boundaries)
         fall = 1.0 if unchecked or state.energy == 0 else 1 - later.energy / state.energy
         # The energy rises by more than rounding, or images jump between parts of the target that are thin for the step.
@@ -99,20 +99,20 @@ def _warn_if_moving(rests: bool, most_steps: int) -> None:
         warn_each([f"The map did not come to rest within {most_steps} steps; allow more, or longer ones."])
 
 
-def _step(prepared: Prepared, target: ClosestPointSource, state: _State, step: float) -> _State:
+def _implicit_step(prepared: Prepared, target: ClosestPointSource, state: _State, step: float) -> _State:
     """Return the map after one step of backward Euler, of length ``step``, and a projection on the target."""
     f = prepared.field(state.points.values / step + state.normal)
     solution = prepared.solve(problem=ck.ScreenedPoisson(f, c=1 / step), guess=state.solution)
     unprojected = prepared.field(solution)
     points = unprojected.project(target)
     normal = state.normal + (points.columns - unprojected.columns) / step
-    normal -= _tangential(target, points.columns, normal)
+    normal -= _tangential_parts(target, points.columns, normal)
     energy = points.energy()
     return _State(points, normal, energy, solution, energy / max(unprojected.energy(), np.finfo(float).tiny))
 
 
-def _tangential(target: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
-    """Return the tangential parts (p, k) of ``vectors`` (p, k) at ``points`` (p, k) of the target, by differences."""
+def _tangential_parts(target: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
+    """Return the tangential parts (p, k) of ``vectors`` (p, k) at ``points`` (p, k) of the target."""
     step = 1e-4 * float(np.ptp(target.bounds, axis=0).max())
     longest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
     if longest == 0.0:
@@ -127,8 +127,8 @@ def explicit_flow(
 ) -> tuple[Solution, list[float], bool]:
     """Return the map, the energies and whether it is at rest by explicit steps of King et al. (2024), eq. 24.
 
-    A step is u_next = cp(u + step Lap u), stable up to a sixth of the spacing squared. Arguments and results are those
-    of :func:`implicit_flow`, but the energy is integrated only after each 50 steps, and its mean decrease per step is
+    A step is u_next = cp(u + step Lap u), stable up to h^2 / 6, by default h^2 / 10. Arguments and results are those of
+    :func:`implicit_flow`, but the energy is integrated only after each 50 steps, and its mean decrease per step is
     compared with ``rest``. Raises InputError if the form is not ``collocation``, or the step too long.
     """
     h = prepared.discretized.spacing
@@ -140,12 +140,12 @@ def explicit_flow(
     system = ck.assemble(prepared.discretized)  # u - Lap u, and the data of boundaries
     solution = prepared.solve(problem=ck.ScreenedPoisson(prepared.field(start)))
     u = prepared.discretized.project(start)
-    energy, rests = [_energy(replace(solution, values=u))], False
+    energy, rests = [_dirichlet_energy(replace(solution, values=u))], False
     for done in range(1, most_steps + 1):
         u = target.closest_point(u + step * (u - system.operator.apply(u) + system.right_side)).points
         if done % 50 and done < most_steps:
             continue
-        energy.append(_energy(replace(solution, values=u)))
+        energy.append(_dirichlet_energy(replace(solution, values=u)))
         if energy[-2] - energy[-1] < rest * 50 * energy[-2]:
             rests = True
             break
@@ -153,7 +153,7 @@ def explicit_flow(
     return replace(solution, values=u), energy, rests
 
 
-def _energy(solution: Solution) -> float:
+def _dirichlet_energy(solution: Solution) -> float:
     """Return the Dirichlet energy of a map, the integral of |grad u|^2 / 2 summed over its channels."""
     integral = solution.integrate(lambda points, _: 0.5 * (solution.gradient(points) ** 2).sum(axis=(1, 2)))
     return float(np.sum(integral))
@@ -190,7 +190,7 @@ def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
 
 
 def _closed_mesh(surface: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 3) and outward triangles (f, 3) of a closed surface; raise InputError if it is not closed."""
+    """Return vertices (v, 3) and triangles (f, 3), counter-clockwise from outside; raise InputError if not closed."""
     if not isinstance(surface, HasMesh) or surface.manifold_dim != 2 or surface.dim != 3:
         raise InputError(f"a degree is that of a map between surfaces with meshes; {type(surface).__name__} has none.")
     vertices, faces = surface.mesh(spacing)

@@ -16,7 +16,7 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.applications.harmonic_flows import degree_and_area, explicit_flow, implicit_flow
 from cpmkit.applications.heat import scene_of
-from cpmkit.applications.result import Result, check_choice, dirichlet_at_points, unpack_pair, with_colours
+from cpmkit.applications.result import Result, check_choice, point_boundaries, unpack_pair, with_colours
 from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource
@@ -58,7 +58,7 @@ class SurfaceMap(Result):
         return degree_and_area(self.solution.scene.surface, self.target, self.evaluate, self.solution.spacing)[0]
 
     def pull_back(self, values: Any) -> Callable[[Any], Floats]:
-        """Return a function of the source's points (n, d): the target's ``values`` at their images.
+        """Return a function of the source's points (n, d): the ``values`` (n,) or (n, channels) at their images.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ def harmonic_map(
     """
     check_choice(method, ("implicit", "explicit"), "method")
     rest, most_steps = positive(rest, "rest"), whole(most_steps, "most_steps", 1, 1_000_000)
-    scene = _scene(surface, target, landmarks)
+    scene = _flow_scene(surface, target, landmarks)
     prepared = ck.prepare(scene, spacing, **{"form": "galerkin" if method == "implicit" else "collocation", **options})
     start = _initial_images(prepared, target, initial)
     if method == "explicit":
@@ -176,13 +176,13 @@ def harmonic_map(
     else:
         half = 0.5 * float(np.ptp(scene.surface.bounds, axis=0).max())
         first = 0.1 * half**2 if step is None else positive(step, "step")
-        covering = _initially_covered_area(prepared, target, initial)
+        covering = _covered_area(prepared, target, initial)
         result = implicit_flow(prepared, target, start, first, most_steps, rest, covering)
     solution, energy, at_rest = result
     return SurfaceMap(solution, target, np.array(energy), at_rest)
 
 
-def _initially_covered_area(prepared: Prepared, target: ClosestPointSource, initial: Any) -> float:
+def _covered_area(prepared: Prepared, target: ClosestPointSource, initial: Any) -> float:
     """Return the area that the initial map covers, a lower bound of its homotopy class's energy; 0 if unknown."""
     images = target.closest_point if not callable(initial) else lambda points: target.closest_point(initial(points))
     surface, spacing = prepared.scene.surface, prepared.discretized.spacing
@@ -207,7 +207,7 @@ def _initial_images(prepared: Prepared, target: ClosestPointSource, initial: Any
     return np.asarray(target.closest_point(prepared.points).points)
 
 
-def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[Any, Any]]) -> ck.Scene:
+def _flow_scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[Any, Any]]) -> ck.Scene:
     """Return the scene of the flow to a harmonic map, with landmarks as boundaries that prescribe their images.
 
     Raises InputError if the landmarks are not accepted, or the target is neither a curve nor a surface.
@@ -223,16 +223,16 @@ def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[A
         if getattr(place, "manifold_dim", 0):  # a curve
             if not callable(image):
                 raise InputError(f"the image of a landmark curve is a function of its points, got {shown(image)}.")
-            boundaries.append(ck.Boundary(name, place, both=ck.Dirichlet(_project_image(target, image))))
+            boundaries.append(ck.Boundary(name, place, both=ck.Dirichlet(_projected_image(target, image))))
             continue
         at = scene.surface.closest_point(as_points(np.atleast_2d(place), scene.surface.dim)).points
         goals = as_points(np.atleast_2d(image), target.dim)
         if len(goals) != len(at):
             raise InputError(f"landmarks at {len(at)} points need as many points of the target, got {len(goals)}.")
-        boundaries += dirichlet_at_points(name, at, target.closest_point(goals).points)
+        boundaries += point_boundaries(name, at, target.closest_point(goals).points)
     return ck.Scene(scene.surface, problem, boundaries, scene.edge)
 
 
-def _project_image(target: ClosestPointSource, image: Callable[[Floats], Any]) -> Callable[[Floats], Floats]:
+def _projected_image(target: ClosestPointSource, image: Callable[[Floats], Any]) -> Callable[[Floats], Floats]:
     """Return a function of points (n, d) of a curve: the values of ``image`` there, projected on the target."""
     return lambda points: np.asarray(target.closest_point(np.asarray(image(points), dtype=np.float64)).points)

@@ -30,7 +30,7 @@ class Origins:
     points: Floats  #: (k, d): points of the manifold.
     curves: Sequence[ClosestPointSource]  #: Curves in the manifold.
 
-    def closest(self, points: Floats) -> tuple[Floats, Floats, Ints]:
+    def closest_origins(self, points: Floats) -> tuple[Floats, Floats, Ints]:
         """Return straight distances (n,) of ``points`` (n, d) from origins, the nearest points (n, d) and numbers (n,).
 
         The numbers are those of the nearest origins: first come the origins that are points, then curves.
@@ -89,7 +89,7 @@ def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
     accepted = f"origins are finite points (k, {surface.dim}), numbers of vertices of a mesh, or sources of curves"
     several = isinstance(origins, Sequence) and any(isinstance(entry, ClosestPointSource) for entry in origins)
     for entry in origins if several else [origins]:
-        if _are_vertices(entry, surface):
+        if _are_vertex_numbers(entry, surface):
             entry = ck.Boundary("origins", entry, both=ck.Neumann(0.0)).on(surface).source
         if isinstance(entry, ClosestPointSource):
             if entry.manifold_dim == 0:
@@ -110,8 +110,8 @@ def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
     return Origins(surface, every, curves)
 
 
-def _are_vertices(numbers: Any, surface: ClosestPointSource) -> bool:
-    """Return whether ``numbers`` are numbers of vertices; d of them are a point if ``surface`` has no given mesh."""
+def _are_vertex_numbers(numbers: Any, surface: ClosestPointSource) -> bool:
+    """Return whether ``numbers`` are integers of vertices; d of them are a point if ``surface`` has no given mesh."""
     try:
         array = np.asarray(numbers)
     except ValueError:  # rows of different lengths
@@ -128,7 +128,7 @@ class Pieces:
     of_unknown: Ints  #: (n,): the number of the piece of each unknown.
     of_point: Ints  #: (p,): the number of the piece of each point of the prepared scene.
 
-    def numbers_at(self, form: Discretized, points: Floats) -> Ints:
+    def piece_numbers(self, form: Discretized, points: Floats) -> Ints:
         """Return the numbers (k,) of the pieces that contain ``points`` (k, d); ``form`` is the discretised manifold.
 
         The points are origins of a distance, or points of the manifold at which it is read.
@@ -170,7 +170,7 @@ def scene_of(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
 
 
 def prepare_manifold(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
-    """Return a source or a scene, whose boundaries are barriers, prepared for solves; a prepared scene as it is.
+    """Return a source or a scene with barriers, prepared, by default in the form galerkin; a prepared scene as it is.
 
     Raises InputError if a boundary is no barrier, or a spacing or options are given beside a prepared scene.
     """
@@ -198,8 +198,8 @@ def barrier_scene(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene
     return ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge)
 
 
-def heat_solver(prepared: Prepared) -> Prepared:
-    """Return the prepared scene with a direct solver for heat, without noise; itself above 60,000 unknowns."""
+def prepare_heat(prepared: Prepared) -> Prepared:
+    """Return the prepared scene with a direct solver, whose heat has no noise; itself above 60,000 unknowns."""
     if prepared.discretized.size > 60_000:
         return prepared
     return prepared.solved_by("direct", solver_tolerance=DISTANCE_RESIDUAL)
@@ -211,7 +211,7 @@ def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None 
     They are zero at the few points where heat underflows, and on those of the ``pieces`` that have no origin. Raises
     SceneError if no heat arrives at other points, of a piece with an origin or, without ``pieces``, of any piece.
     """
-    h, heated = prepared.discretized.spacing, heat_solver(prepared)
+    h, heated = prepared.discretized.spacing, prepare_heat(prepared)
     share, time = 0.0 if heated is not prepared else NOISE_SHARE, HEAT_TIME * h * h
     longest = float(np.ptp(prepared.scene.surface.bounds, axis=0).max()) ** 2  # then heat is everywhere
     while True:
@@ -234,10 +234,7 @@ def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None 
 
 
 def check_heat_reaches(cold: Bools, surface: ClosestPointSource) -> None:
-    """Raise SceneError if heat does not reach all points of a manifold.
-
-    ``cold`` (p,) are the points that it does not reach; the message has their number.
-    """
+    """Raise SceneError if any point of a manifold is marked ``cold`` (p,), which heat does not reach."""
     if cold.any():
         raise SceneError(
             f"no heat arrives at {np.count_nonzero(cold)} points of the {type(surface).__name__}: a piece of it has no "
@@ -248,13 +245,13 @@ def check_heat_reaches(cold: Bools, surface: ClosestPointSource) -> None:
 def vector_heat_directions(
     prepared: Prepared, coupling: ck.Field, source: ck.PointSource, shortest: float
 ) -> tuple[Floats, Solution]:
-    """Return the unit vectors (p, 3) of the heat of vectors at points, and the solution with the same on its splines.
+    """Return unit vectors (p, 3) along the heat of vectors, at ``prepared.points``, and a solution with these values.
 
     Each is the direction after the shortest time in which heat arrives. Raises SceneError if none arrives somewhere.
 
     ``prepared``: a surface.
     ``coupling``: the coefficient that keeps vectors tangential, see :func:`tangential_coupling`.
-    ``source``: vectors at points.
+    ``source``: the vectors (k, 3) from which heat flows, at points.
     ``shortest``: the shortest time, over the spacing squared. Where only noise has arrived, four times that time, and
         so on.
     """

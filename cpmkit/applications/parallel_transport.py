@@ -22,7 +22,7 @@ import cpmkit as ck
 from cpmkit.applications.geodesics import PRESCRIBED_SPACINGS, Distance, geodesic_distance
 from cpmkit.applications.heat import prepare_manifold, scene_of, tangential_coupling, vector_heat_directions
 from cpmkit.applications.result import with_colours
-from cpmkit.applications.vector_fields import TangentField, check_surface, tangential
+from cpmkit.applications.vector_fields import TangentField, check_surface, tangential_parts
 from cpmkit.errors import InputError, place
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, HasNormals, dots, norms, unit
@@ -145,11 +145,11 @@ def transport_vector(
     prepared = prepare_manifold(surface, spacing, options)
     at = as_points(np.atleast_2d(points), 3)
     at = prepared.scene.surface.closest_point(at).points
-    projected = tangential(prepared.scene.surface, at, np.broadcast_to(np.atleast_2d(vectors), at.shape))
+    projected = tangential_parts(prepared.scene.surface, at, np.broadcast_to(np.atleast_2d(vectors), at.shape))
     lengths = np.linalg.norm(projected, axis=1)
     if not np.isfinite(lengths).all() or not (lengths > 1e-6 * np.linalg.norm(np.atleast_2d(vectors), axis=1)).all():
         raise InputError("vectors that are transported must be finite, not zero, and not normal to the surface.")
-    return _transport(prepared, tangential_coupling(prepared, True), at, projected, lengths)
+    return _transport_vectors(prepared, tangential_coupling(prepared, True), at, projected, lengths)
 
 
 def logarithmic_map(
@@ -207,14 +207,14 @@ def logarithmic_map(
         raise InputError("axis must not be zero or normal to the surface.")
     axes = unit(np.stack([first, np.cross(normal, first)]))
     coupling = tangential_coupling(prepared, True)
-    first_field = _transport(prepared, coupling, at, axes[:1], np.ones(1))
+    first_field = _transport_vectors(prepared, coupling, at, axes[:1], np.ones(1))
     oriented = isinstance(source, HasNormals)  # then the normal and the first axis give the second
-    second_field = None if oriented else _transport(prepared, coupling, at, axes[1:], np.ones(1))
+    second_field = None if oriented else _transport_vectors(prepared, coupling, at, axes[1:], np.ones(1))
     distance = geodesic_distance(prepared, at, method=method)
     return LogarithmicMap(at[0], axes, distance, (first_field, second_field))
 
 
-def _transport(
+def _transport_vectors(
     prepared: Prepared, coupling: ck.Field, at: Floats, vectors: Floats, lengths: Floats
 ) -> TransportedField:
     """Return the parallel transport of ``vectors`` (k, 3) with ``lengths`` (k,) from ``at`` (k, 3) to everywhere.

@@ -49,8 +49,8 @@ OUTLINE = np.array(
 TRIANGLES = np.array([[0, 1, 8], [8, 1, 7], [1, 2, 7], [7, 2, 6], [3, 4, 5]])
 
 
-def spread_points(points: Floats, distance: float) -> Ints:
-    """Return the indices (k,) of some ``points`` (n, d), at which arrows are drawn, no two within ``distance``."""
+def subsample_points(points: Floats, distance: float) -> Ints:
+    """Return the indices (k,), the same at every call, of ``points`` (n, d) of which no two are within ``distance``."""
     from scipy.spatial import cKDTree
 
     neighbours = cKDTree(points).query_ball_point(points, distance)
@@ -199,12 +199,12 @@ def unpack_pair(pair: Any, words: str) -> tuple[Any, Any]:
     return pair
 
 
-def count_rounds(method: Any, rounds: Any) -> int:
-    """Return the number of rounds of transport, 0 by the ``method`` heat; raise InputError for other arguments."""
+def check_rounds(method: Any, rounds: Any) -> int:
+    """Return ``rounds`` (1 to 100) for the ``method`` transport, 0 for heat; raise InputError for other arguments."""
     return 0 if check_choice(method, ("transport", "heat"), "method") == "heat" else whole(rounds, "rounds", 1, 100)
 
 
-def dirichlet_at_points(name: str, points: Floats, values: Floats) -> list[ck.Boundary]:
+def point_boundaries(name: str, points: Floats, values: Floats) -> list[ck.Boundary]:
     """Return a boundary for each of ``points`` (k, d), with its row of ``values`` (k, channels) as Dirichlet value."""
     return [
         ck.Boundary(f"{name}.{k}", ck.source("analytic.point", at=at), both=ck.Dirichlet(value.tolist()))

@@ -20,8 +20,8 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications import heat
-from cpmkit.applications.geodesics import PRESCRIBED_SPACINGS, transport_distance, transport_solver
-from cpmkit.applications.result import Measured, count_rounds, measure_to_target
+from cpmkit.applications.geodesics import PRESCRIBED_SPACINGS, prepare_transport, transport_distance
+from cpmkit.applications.result import Measured, check_rounds, measure_to_target
 from cpmkit.errors import InputError, SceneError
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, dots, unit
@@ -95,7 +95,7 @@ def signed_distance(
     >>> distance.evaluate([[0.6, 0, 0.8], [0.6, 0, -0.8]]).round(2)
     array([ 0.93, -0.93])
     """
-    rounds, manifold = count_rounds(method, rounds), heat.scene_of(surface).surface
+    rounds, manifold = check_rounds(method, rounds), heat.scene_of(surface).surface
     if manifold.dim != 3 or manifold.manifold_dim != 2:
         raise InputError("signed distances are measured on surfaces in space.")
     sources = heat.origins_of(curves, manifold)
@@ -109,17 +109,17 @@ def _solve_signed_distance(prepared: Prepared, curves: heat.Origins, rounds: int
     manifold = prepared.scene.surface
     samples = [ck.boundary_points(curve, manifold, prepared.discretized.spacing) for curve in curves.curves]
     field = _gradient_directions(prepared, curves, samples)
-    phi = heat.heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
-    phi = replace(phi, values=phi.values - _mean_on_curves(phi, samples))
+    phi = heat.prepare_heat(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
+    phi = replace(phi, values=phi.values - _mean_along_curves(phi, samples))
     straight, signed = _signed_straight_distance(curves, prepared.points)
-    transport = transport_solver(prepared)
+    transport = prepare_transport(prepared)
     for _ in range(rounds):
         phi = _transport_round(transport, straight, signed, field, phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
     return SignedDistance(solution=phi, curves=curves, rounds=rounds)
 
 
-def _mean_on_curves(phi: Solution, samples: Sequence[BoundaryPoints]) -> float:
+def _mean_along_curves(phi: Solution, samples: Sequence[BoundaryPoints]) -> float:
     """Return the mean of phi over the curves, weighted by their lengths; ``samples`` are points on each source.
 
     Raises SceneError if the means of curves differ by more than a spacing.
@@ -150,8 +150,8 @@ def _gradient_directions(prepared: Prepared, curves: heat.Origins, samples: Sequ
 
 
 def _signed_straight_distance(curves: heat.Origins, points: Floats) -> tuple[Floats, Floats]:
-    """Return straight distances (p,) of ``points`` (p, 3) from curves, and signed ones, NaN where an end is nearest."""
-    straight, places, number = curves.closest(points)
+    """Return straight distances (p,) to curves, and signed ones: positive to the left, NaN where an end is nearest."""
+    straight, places, number = curves.closest_origins(points)
     signed = np.full(len(points), np.nan)
     for k, curve in enumerate(curves.curves):
         rows = np.flatnonzero(number == k)

@@ -106,7 +106,7 @@ def bake(
     height = width if height is None else whole(height, "height in pixels", 1, 16384)
     if not isinstance(mesh, TexturedMesh):
         mesh = TexturedMesh(*ck.read_mesh(mesh), *ck.read_texture_coordinates(mesh))
-    triangle, local, overlapping = _rasterise(_in_pixels(mesh, width, height), width, height)
+    triangle, local, overlapping = _rasterise_triangles(_pixel_triangles(mesh, width, height), width, height)
     covered = triangle >= 0
     if not covered.any():
         raise InputError(f"no pixel of {width} by {height} lies in a triangle of the texture; use more pixels.")
@@ -121,7 +121,7 @@ def bake(
     return Texture(image[nearest[0], nearest[1]], mask)
 
 
-def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
+def _pixel_triangles(mesh: TexturedMesh, width: int, height: int) -> Floats:
     """Return the triangles (m, 3, 2) in pixels of the image: columns, and lines downwards.
 
     Centres of pixels are at whole numbers. Raises InputError if texture coordinates are missing or leave the image.
@@ -138,7 +138,7 @@ def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
     return np.asarray(at[mesh.corners])
 
 
-def _rasterise(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats, int]:
+def _rasterise_triangles(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats, int]:
     """Return the triangle (n,) at each pixel or -1, its barycentric coordinates (n, 3), and the number of overlaps.
 
     ``triangles`` (m, 3, 2) are in pixels. Pixels are numbered line by line, n = width height; an overlap is a pixel
@@ -156,7 +156,7 @@ def _rasterise(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats
         row, begin = np.repeat(rows, count[rows]), np.cumsum(count[rows]) - count[rows]
         line, column = np.divmod(np.arange(len(row)) - np.repeat(begin, count[rows]), np.maximum(size[row, 0], 1))
         column, line = low[row, 0] + column, low[row, 1] + line
-        weight = _barycentric(triangles[row], np.stack([column, line], axis=1))
+        weight = _barycentric_coordinates(triangles[row], np.stack([column, line], axis=1))
         inside = (weight >= 0).all(axis=1)
         pixel = line[inside] * width + column[inside]
         shown[pixel], local[pixel] = row[inside], weight[inside]
@@ -164,7 +164,7 @@ def _rasterise(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats
     return shown, local, int(np.count_nonzero(times > 1))
 
 
-def _barycentric(triangles: Floats, points: Ints) -> Floats:
+def _barycentric_coordinates(triangles: Floats, points: Ints) -> Floats:
     """Return barycentric coordinates (n, 3) of points (n, 2) in triangles (n, 3, 2); -1 in triangles without area."""
     a, b, c = (triangles[:, k] for k in range(3))
 

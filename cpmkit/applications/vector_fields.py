@@ -76,8 +76,8 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Float
     at_corners = vectors[faces]
     angle = np.arctan2(np.einsum("fcd,fcd->fc", at_corners, second), np.einsum("fcd,fcd->fc", at_corners, first))
     transport = np.stack([_transport_angle(planes, first, second, k) for k in range(3)], axis=1)
-    steps = _wrap(np.roll(angle, -1, axis=1) - angle - transport)
-    curvature = _wrap(transport.sum(axis=1))
+    steps = _wrap_angles(np.roll(angle, -1, axis=1) - angle - transport)
+    curvature = _wrap_angles(transport.sum(axis=1))
     index = np.rint((steps.sum(axis=1) + curvature) / (2 * np.pi)).astype(int)
     return [Singularity(corners[face].mean(axis=0), int(index[face])) for face in np.flatnonzero(index)]
 
@@ -98,7 +98,7 @@ def _transport_angle(planes: Floats, first: Floats, second: Floats, corner: int)
     return np.asarray(np.arctan2(across, along))
 
 
-def _wrap(angles: Floats) -> Floats:
+def _wrap_angles(angles: Floats) -> Floats:
     """Return angles modulo 2 pi, from -pi inclusive up to pi."""
     return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
 
@@ -113,10 +113,13 @@ class TangentField(result.Result):
     transport: str  #: How directions are extended: ``parallel`` or ``paper``.
 
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = True) -> Floats:
-        """Return the tangential vectors (n, 3) at the surface points nearest to ``points``; unit if ``normalized``."""
+        """Return tangent vectors (n, 3), of length one if ``normalized``, at the points nearest to ``points`` (n, 3).
+
+        ``side`` is as for :meth:`cpmkit.Solution.evaluate`.
+        """
         surface = self.solution.scene.surface
         at = as_points(points, surface.dim)
-        vectors = tangential(surface, at, self.solution.evaluate(at, side))
+        vectors = tangential_parts(surface, at, self.solution.evaluate(at, side))
         return unit(vectors) if normalized else vectors
 
     @cached_property
@@ -130,18 +133,18 @@ class TangentField(result.Result):
         surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
         if not len(mesh.triangles):
             raise InputError(f"singularities are found on triangles, and {type(surface).__name__} has none.")
-        vectors = tangential(surface, mesh.points, mesh.values)
+        vectors = tangential_parts(surface, mesh.points, mesh.values)
         return singularities(mesh.points, mesh.triangles, vectors, mesh.normals)
 
     def drawable(self, length: float | None = None) -> Solution:
-        """Return the surface with arrows of one ``length``, by default a share of the surface's size.
+        """Return the surface with arrows of one ``length``, by default 0.045 of the surface's size.
 
-        Raises InputError if ``length`` is not above zero.
+        ``length`` is in the scene's unit; InputError is raised if it is not above zero.
         """
         surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
         size = float(np.ptp(surface.bounds, axis=0).max())
         length = 0.045 * size if length is None else positive(length, "length")
-        centres = mesh.points[result.spread_points(mesh.points, 0.95 * length)]
+        centres = mesh.points[result.subsample_points(mesh.points, 0.95 * length)]
         plain = result.with_colours(self.solution, np.broadcast_to((0.93, 0.92, 0.9), mesh.points.shape))
         return result.with_arrows(plain, centres, self.evaluate(centres, normalized=True), length, (0.10, 0.25, 0.55))
 
@@ -247,10 +250,10 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
         return [ck.Boundary(name, where, both=ck.Dirichlet(_curve_directions(where, surface, which)))]
     points = surface.closest_point(np.atleast_2d(np.asarray(where, dtype=np.float64))).points
     directions = np.broadcast_to(np.asarray(which, dtype=np.float64), points.shape)
-    vectors = tangential(surface, points, directions)
+    vectors = tangential_parts(surface, points, directions)
     if not (norms(vectors) > 1e-6 * norms(directions)).all():
         raise InputError("a direction at a point must not be zero or normal to the surface.")
-    return result.dirichlet_at_points(f"direction {number}", points, unit(vectors))
+    return result.point_boundaries(f"direction {number}", points, unit(vectors))
 
 
 def _curve_directions(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:
@@ -265,14 +268,14 @@ def _curve_directions(curve: ClosestPointSource, surface: ClosestPointSource, wh
         (kind, sign), frame = named[which], ck.directions_along(curve, surface)
         return lambda points: sign * frame(points)[kind]
     if callable(which):
-        return lambda points: unit(tangential(surface, points, np.asarray(which(points), dtype=np.float64)))
+        return lambda points: unit(tangential_parts(surface, points, np.asarray(which(points), dtype=np.float64)))
     vector = np.asarray(which, dtype=np.float64)
     if vector.shape != (3,):
         raise InputError(f"a direction along a curve is a name, a vector (3,) or a function, got {shown(which)}.")
-    return lambda points: unit(tangential(surface, points, np.broadcast_to(vector, points.shape)))
+    return lambda points: unit(tangential_parts(surface, points, np.broadcast_to(vector, points.shape)))
 
 
-def tangential(surface: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
+def tangential_parts(surface: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
     """Return the tangential parts (k, 3) of ``vectors`` (k, 3) at the points of a surface nearest to ``points``."""
     normals = ck.normals_at(surface, points)
     return np.asarray(vectors - dots(normals, vectors)[:, None] * normals)

@@ -66,7 +66,7 @@ def _bumps_and_ends(tables: Discretization) -> tuple[Floats, Floats]:
     offset = (band.positions - band.feet.points)[:inner]
     past = _distances_past_edge(tables, offset)
     distance = np.sqrt(np.maximum(np.sum(offset**2, axis=1) - past**2, 0.0))
-    at_nodes = _bump(distance / reach, band.degree)
+    at_nodes = _kaiser_bessel_window(distance / reach, band.degree)
     bumps, beyond = [at_nodes], [past / band.spacing]
     for view, ghosts in zip(tables.layout.boundaries.side_views, tables.layout.ghosts, strict=True):
         of_node = np.full(len(band.nodes), TAIL_SPACINGS)
@@ -96,7 +96,7 @@ def _distances_past_edge(tables: Discretization, offset: Floats) -> Floats:
     return past
 
 
-def _bump(distance: Floats, degree: int) -> Floats:
+def _kaiser_bessel_window(distance: Floats, degree: int) -> Floats:
     """Return the Kaiser-Bessel window at ``distance`` (n,) in units of its radius of ``(degree + 1) / 2`` spacings.
 
     Its spectrum is zero at the lattice's own frequency and below 1e-3 of its peak at all higher frequencies, so that
