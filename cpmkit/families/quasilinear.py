@@ -250,8 +250,8 @@ def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = No
 def _solve_to_convergence(steps: Steps, problem: QuasilinearEquation, u: Floats, taken: _Steps, share: float) -> Floats:
     """Take steps from u (n, 1) until one changes u by at most a ``share`` of its range, and return u (n, 1).
 
-    The steps are appended in place to the list ``taken``. Raises ConvergenceError if none of the steps, 60 of Newton's
-    method or 500 lagged, changes u so little, or a step fails.
+    The steps are appended in place to the list ``taken``. Raises ConvergenceError if none of the :data:`MOST_STEPS` of
+    the method changes u so little, or a step fails.
     """
     method, state, form = problem.method, steps.state(u), steps.context.discretized
     step = steps.newton_step if method == "newton" else steps.lagged_step

@@ -90,7 +90,7 @@ def add_product(start: int, stop: int, pointers: Any, columns: Any, entries: Any
 
 
 @compiled
-def multiply(
+def multiply_csr(
     pointers: Any,
     columns: Any,
     entries: Floats,

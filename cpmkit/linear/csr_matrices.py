@@ -50,11 +50,11 @@ class UnsignedCsr:
 
     def __matmul__(self, other: UnsignedCsr) -> UnsignedCsr:
         """Return the product ``A B`` with another matrix, with unsorted rows."""
-        from cpmkit.linear.csr_kernels import multiply
+        from cpmkit.linear.csr_kernels import multiply_csr
 
         left, right = ((factor.pointers, factor.columns, factor.entries) for factor in (self, other))
         room = max(len(self.entries), len(other.entries))
-        return UnsignedCsr(*multiply(*left, *right, other.width, room), other.width)
+        return UnsignedCsr(*multiply_csr(*left, *right, other.width, room), other.width)
 
     def __len__(self) -> int:
         return len(self.pointers) - 1

@@ -34,9 +34,10 @@ def as_points(x: Any, dim: int, label: str = "points") -> Floats:
 
 
 def as_positions(x: Any, dim: int, label: str = "points") -> Floats:
-    """Return ``x`` as a (n, dim) float64 array of finite points, neither too far apart nor too close to compute with.
+    """Return ``x`` as a (n, dim) float64 array of finite points that :func:`check_size` accepts.
 
-    ``label`` is for messages. Raises InputError if ``x`` is not (n, dim) finite numbers, or fails :func:`check_size`.
+    ``label`` is for messages. Raises InputError if ``x`` is not (n, dim) finite numbers, or if one is above
+    :data:`LARGEST_LENGTH` in size, or all are in a box below its inverse, but not in one point.
     """
     points = as_points(x, dim, label)
     check_size(points, label)

@@ -74,7 +74,7 @@ def _process_limits() -> Iterator[MemoryLimit]:
 
 def _status_bytes(row: str) -> int | None:
     """Return the value in bytes of a row of /proc/self/status, None if there is no such row."""
-    lines = _text_of(Path("/proc/self/status")).splitlines()
+    lines = _read_text(Path("/proc/self/status")).splitlines()
     return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{row}:")), None)
 
 
@@ -86,7 +86,7 @@ def _group_limits(own: Path, groups: Path, moment: int) -> list[MemoryLimit]:
     key of the cache: within it the files are read once, as reading would take a twentieth of the time of small solves.
     """
     del moment
-    texts = [_text_of(file).strip() for file in _group_files(own, groups)]
+    texts = [_read_text(file).strip() for file in _group_files(own, groups)]
     subject = "the control group of this process (its container) has"
     return [MemoryLimit(int(text), subject) for text in texts if text.isdecimal()]  # a file may say "max"
 
@@ -95,7 +95,7 @@ def _group_limits(own: Path, groups: Path, moment: int) -> list[MemoryLimit]:
 def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
     """Return the files in ``groups`` that may contain limits of the groups listed in the file ``own``; cached."""
     files: list[Path] = []
-    lines = _text_of(own).splitlines()
+    lines = _read_text(own).splitlines()
     for number, controllers, path in (line.split(":", 2) for line in lines if line.count(":") >= 2):
         if number == "0" and not controllers:
             roots, file = [groups, groups / "unified"], "memory.max"
@@ -108,7 +108,7 @@ def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
     return tuple(file for file in files if file.parent.exists())
 
 
-def _text_of(file: Path) -> str:
+def _read_text(file: Path) -> str:
     """Return the text of a file of the kernel, empty if it cannot be read."""
     try:
         with file.open("rb", buffering=0) as read:  # a few lines, which a solve reads a dozen times

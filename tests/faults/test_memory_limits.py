@@ -72,9 +72,9 @@ def test_ulimit_counts_with_what_is_in_use(monkeypatch, name, option):
     endless = resource.RLIM_INFINITY
     monkeypatch.setattr(resource, "getrlimit", lambda which: (10 * GIB if which == target else endless, endless))
     monkeypatch.setattr(memory, "machine_bytes", lambda: 64 * GIB)
-    text_of = memory._text_of
+    text_of = memory._read_text
     status = "VmSize:\t 2097152 kB\nVmData:\t 2097152 kB\n"
-    monkeypatch.setattr(memory, "_text_of", lambda path: status if path.name == "status" else text_of(path))
+    monkeypatch.setattr(memory, "_read_text", lambda path: status if path.name == "status" else text_of(path))
     monkeypatch.setattr(memory, "_group_limits", lambda *_: [])
     limit = memory.memory_limit()
     assert limit.bytes == 8 * GIB

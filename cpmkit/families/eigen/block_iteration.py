@@ -40,8 +40,8 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
     """Return the ``width`` least eigenvalues, ascending, with eigenvectors; only the first ``count`` have converged.
 
     ``iteration`` has a preconditioner. Raises ResolutionError if the functions exceed the memory of this process.
-    Raises ConvergenceError if a pair of the first ``count`` changes by more than half the tolerance after 100 rounds,
-    or A - sigma B is not positive definite.
+    Raises ConvergenceError if a pair of the first ``count`` changes by more than half the tolerance after
+    :data:`MOST_ROUNDS`, or A - sigma B is not positive definite.
     """
     _check_fits(iteration, count, width)
     target = 0.5 * iteration.context.tolerance  # residuals are recomputed at the end

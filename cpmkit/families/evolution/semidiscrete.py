@@ -57,7 +57,7 @@ History = Sequence[Moment]
 
 
 def schedule(until: float, step: float, frames: Sequence[float], start: float = 0.0) -> list[Step]:
-    """Return the steps of length ``step`` or less from ``start`` to ``until``, with ends at the later of ``frames``.
+    """Return steps of length ``step`` or less from ``start`` to ``until``, one ending at each later time of ``frames``.
 
     Examples
     --------

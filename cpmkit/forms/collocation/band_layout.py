@@ -17,7 +17,7 @@ import numpy as np
 from cpmkit.forms.collocation.facing_rims import find_narrowest_gap, find_rim_strips
 from cpmkit.forms.collocation.ghosts.ghost_geometry import SIDE_READING_SPACINGS, node_sources
 from cpmkit.forms.collocation.ghosts.ghosts import Ghosts, build_ghosts
-from cpmkit.forms.collocation.ghosts.nodes_past_edge import read_past_edge, separated_from_mirrors
+from cpmkit.forms.collocation.ghosts.nodes_past_edge import node_formulas, nodes_behind_boundaries
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula
 from cpmkit.forms.collocation.selection import Centres, Unknowns
@@ -119,15 +119,15 @@ def _boundaries_and_nodes(
     A node past an edge reads its closest point if a boundary of uncoupled sides separates it from its mirror point.
     """
     # King et al. (2024), section 4.6: boundaries within twice the reach of a stencil are found.
-    formula, reach = read_past_edge(surface, band, lattice, scene.edge, order), reading_radius(band.dim, band.degree)
+    formula, reach = node_formulas(surface, band, lattice, scene.edge, order), reading_radius(band.dim, band.degree)
     reach *= band.spacing
     on_lattice = [
         put_on_lattice(boundary, surface, lattice, reach, scene.oriented, band.sheets) for boundary in scene.boundaries
     ]
     uncoupled = [boundary for boundary in on_lattice if not boundary.oriented.boundary.condition("left").couples]
-    behind = separated_from_mirrors(uncoupled, band, formula, 2 * reach)
+    behind = nodes_behind_boundaries(uncoupled, band, formula, 2 * reach)
     if len(behind):
-        formula = read_past_edge(surface, band, lattice, scene.edge, order, behind)
+        formula = node_formulas(surface, band, lattice, scene.edge, order, behind)
     side_views = [boundary.side_view(formula.points, 2 * reach, band.spacing) for boundary in on_lattice]
     diffusivity = scene.problem.terms().diffusivity
     return BoundariesOnBand(scene.boundaries, on_lattice, side_views, behind, diffusivity), formula

@@ -55,7 +55,7 @@ def find_narrowest_gap(surface: LocalSource, band: Band, lattice: Lattice) -> li
     gap = np.linalg.norm(across - rim[rows], axis=1)
     bridged = np.flatnonzero(gap <= BRIDGED_GAP_SPACINGS * band.spacing)
     if surface.largest_dim > 1 and len(bridged):
-        bridged = bridged[_on_long_stretch(rim[rows[bridged]], loop[rows[bridged]], band.spacing)]
+        bridged = bridged[_is_on_long_stretch(rim[rows[bridged]], loop[rows[bridged]], band.spacing)]
     chosen = bridged[gap[bridged].argmin()] if len(bridged) else gap.argmin()
     middle = lattice.to_scene((rim[rows] + 0.5 * gap[:, None] * outward[rows])[[chosen]])[0]
     return [UnresolvedPlace("gap" if len(bridged) else "opening", (), middle, float(gap[chosen]))]
@@ -109,7 +109,7 @@ def _find_gaps(surface: LocalSource, rim: Floats, outward: Floats, spacing: floa
     return rows, across[rows]
 
 
-def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
+def _is_on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
     """Return whether (k,) each of ``rim`` (k, d) is in a chain of near points of its ``loop`` (k,) over 6 spacings."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components

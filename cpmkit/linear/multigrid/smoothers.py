@@ -178,7 +178,7 @@ class Schwarz:
 
 
 def bisect_unknowns(matrix: SparseMatrix) -> list[Ints]:
-    """Return the unknowns of ``matrix`` in compact parts (m,), each ascending, of at most 1500, in no certain order.
+    """Return the unknowns of ``matrix`` in compact, ascending parts (m,) of at most :data:`MAX_BLOCK_UNKNOWNS` each.
 
     A part is bisected into the first and the second half of a breadth-first search in the graph of the matrix, from an
     unknown at the end of each connected component.

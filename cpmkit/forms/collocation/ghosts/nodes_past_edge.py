@@ -130,7 +130,7 @@ def _rim_tangents(surface: LocalSource, feet: ClosestPoints, outward: Floats, sp
 EDGE_CONDITION = "the edge's condition"
 
 
-def read_past_edge(
+def node_formulas(
     surface: LocalSource,
     band: Band,
     lattice: Lattice,
@@ -251,7 +251,7 @@ def _exact_conormals(
     return outward
 
 
-def separated_from_mirrors(
+def nodes_behind_boundaries(
     boundaries: Sequence[BoundaryOnLattice], band: Band, past: RowFormula, radius: float
 ) -> Ints:
     """Return the nodes (k,) past an edge that a boundary separates from their mirror points, the points of ``past``.
