@@ -209,7 +209,7 @@ class AdaptiveRun:
         return first is not None and second is not None and first.own == second.own
 
     def _coarse_solution(self, solution: SolutionRecord) -> SolutionRecord | None:
-        """Return the coarser solution with which a solution is compared, by the ratio of spacings; None without any."""
+        """Return the solution at 1.3 to 2.75 times the spacing, nearest to 2.5, to compare with; None without any."""
         ratios = {
             solve.spacing / solution.spacing: solve.solution
             for solve in self.solves

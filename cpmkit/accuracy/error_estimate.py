@@ -67,16 +67,16 @@ class ErrorEstimate:
     def at_points(self, points: Any) -> Floats:
         """Return the estimated error (n,) or (n, channels) at points (n, d) of the manifold, in the solution's unit."""
         pair = (self.solution, self.coarse)
-        errors = self._pointwise(*(solution.evaluate(points).reshape(len(points), -1) for solution in pair))
+        errors = self._pointwise_error(*(solution.evaluate(points).reshape(len(points), -1) for solution in pair))
         return np.asarray(errors[:, 0] if errors.shape[1] == 1 else errors)
 
     def on_mesh(self, mesh: DisplayMesh) -> Floats:
         """Return the estimated error (v, channels) at the vertices of a mesh, each on the side of its cells."""
         sides = np.zeros((len(mesh.points), 0), dtype=np.int64) if mesh.sides is None else mesh.sides
         pair = (self.solution, self.coarse)
-        return self._pointwise(*(evaluate_on_sides(solution, mesh.points, sides) for solution in pair))
+        return self._pointwise_error(*(evaluate_on_sides(solution, mesh.points, sides) for solution in pair))
 
-    def _pointwise(self, fine: Floats, coarse: Floats) -> Floats:
+    def _pointwise_error(self, fine: Floats, coarse: Floats) -> Floats:
         """Return the error (n, channels) from the values (n, channels) of the fine and the coarsest solution."""
         if self.solution.has_modes:
             coarse = coarse @ np.linalg.lstsq(coarse, fine, rcond=None)[0]
@@ -188,7 +188,7 @@ def estimate_from(
     errors = [apart.sizes / (apart.ratio**p - 1) for apart, p in zip(differences, orders, strict=True)]
     by_norm = np.exp(np.mean(np.log(np.maximum(errors, tiny)), axis=0))
     coarsest = differences[-1]
-    rms, largest = by_norm if alone is None else _combine(by_norm, alone, coarsest.unit)
+    rms, largest = by_norm if alone is None else _combine_estimates(by_norm, alone, coarsest.unit)
     resonant_rms, resonant_largest = _resonance_error(solution, coarse_solutions[-1], coarsest)
     rms, largest = np.maximum(rms, resonant_rms), np.maximum(largest, resonant_largest)
     source_error = 0.0 if modes else form.source_error()
@@ -226,7 +226,7 @@ def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Di
     return fine.amplified_error(error)
 
 
-def _combine(errors: Floats, alone: ExpectedError, unit: Floats) -> Floats:
+def _combine_estimates(errors: Floats, alone: ExpectedError, unit: Floats) -> Floats:
     """Return the weighted geometric mean (2, channels) of errors from coarse solutions and from the solution alone.
 
     ``errors`` (2, channels), root mean square and largest, are shares of ``unit`` (channels,); ``alone`` is in the

@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.accuracy.adaptive_run import AdaptiveRun, SolveStep, TimedSolve
 from cpmkit.accuracy.error_estimate import ErrorEstimate, estimate_alone, estimate_from
 from cpmkit.accuracy.estimate import shifted_origin
-from cpmkit.accuracy.spacing_search import CUBIC_ERROR, Status, errors_stay, predicted_bytes, search_spacing
+from cpmkit.accuracy.spacing_search import CUBIC_ERROR, Status, errors_stagnate, predicted_bytes, search_spacing
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
 from cpmkit.families.context import Checkpointing
@@ -78,7 +78,7 @@ def solve_to_target(
     ``solve``. Raises InputError if an option needs a spacing to be given. Raises CpmkitError as ``solve`` does, where
     no spacing serves.
     """
-    _check(scene, options)
+    _check_target_options(scene, options)
     given = {name: value for name, value in options.items() if name != "origin"}
     if target.tolerance is not None:
         # the error that it causes is below 1/20 of the tolerance (measured: tests/accuracy/test_tolerance.py)
@@ -196,7 +196,7 @@ def search_solution(run: AdaptiveRun) -> SolutionRecord:
     return replace(answer, estimated=estimate, solve_history=history, warnings=(*answer.warnings, *warnings))
 
 
-def _check(scene: Scene, options: Mapping[str, Any]) -> None:
+def _check_target_options(scene: Scene, options: Mapping[str, Any]) -> None:
     """Raise InputError for options and scenes that need a spacing to be given."""
     given = [name for name in declared_options(Checkpointing) if name in options]
     given += ["backend"] if options["backend"] != "cpm" else []
@@ -232,7 +232,7 @@ def _summary(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> 
         why = str(run.failure) or f"memory ran out ({type(run.failure).__name__})."
         return f"{target.target} not reached: {error}{slow}; a further solve was refused: {why}"
     finest = f"the finest that {_limits(run)} allow"
-    if errors_stay(run):
+    if errors_stagnate(run):
         finest = "and smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much"
     if status == "within":
         return f"{error}, {finest}{slow}."

@@ -57,7 +57,7 @@ def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
             run.solve("pilot", run.last.spacing)
         run.solve("pilot", run.last.spacing / _first_factor(run))
         check_memory(run)
-        _refine(run)
+        _refine_spacing(run)
     except (CpmkitError, MemoryError) as error:
         run.failure = error
     check_memory(run)
@@ -77,7 +77,7 @@ def _reachable_tolerance(run: AdaptiveRun) -> float:
 
 
 def _first_factor(run: AdaptiveRun) -> float:
-    """Return the ratio of the first to the second spacing, from the estimate of the first solution alone."""
+    """Return the ratio, 2.1 to 2.48, of the first to the second spacing, by the estimate of the first solution."""
     tolerance, expected = run.target.tolerance, run.last.expected_error
     if math.isnan(expected):
         return UNTOLD_FACTOR
@@ -87,7 +87,7 @@ def _first_factor(run: AdaptiveRun) -> float:
     return float(min(max(factor, 2.1), FIRST_MOST_FACTOR))
 
 
-def _refine(run: AdaptiveRun) -> None:
+def _refine_spacing(run: AdaptiveRun) -> None:
     """Append solves at smaller spacings, up to three answers, until the tolerance or a limit is met or errors stay.
 
     It may set a higher degree in ``run.chosen_options``. Raises CpmkitError or MemoryError as a solve does.
@@ -98,13 +98,13 @@ def _refine(run: AdaptiveRun) -> None:
         for solve in run.solves[-2:]:
             run.solve("pilot", solve.spacing)
     answers = 0
-    while not _is_accepted(run, aim) and answers <= 2 and not errors_stay(run):
+    while not _is_accepted(run, aim) and answers <= 2 and not errors_stagnate(run):
         here = run.last.spacing
         coarse, fine = ((float(solve.spacing), float(solve.unknowns)) for solve in _last_two(run))
         growth = growth_through(fine, coarse, max(largest_dim(run.scene.surface), 1))
         room = 0.8 * min(run.target.memory or np.inf, memory.available_bytes())
         most_in_memory = fitting_unknowns(room, lambda unknowns: predicted_bytes(run, unknowns), fine[1])
-        limit = growth.spacing_with(min(most_in_memory, _most_in_time(run)))
+        limit = growth.spacing_with(min(most_in_memory, _most_unknowns_in_time(run)))
         goal, farthest = max(_goal_spacing(run, aim), limit), max(here / MOST_FACTOR, limit)
         start, slope = _seconds_line(run)
         if here / goal > WORTH_COMPANION:
@@ -148,7 +148,7 @@ def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
     last = run.last
     if last.solution.discretized.diagnosis().unresolved_share > aim**2:
         return False
-    first = len(_comparable(run)) < 2
+    first = len(_comparable_solves(run)) < 2
     # largest errors vary more, and with one coarser solution it is not known whether errors fall at their order already
     accepted = aim * (0.93 if first else 0.97) if run.target.norm == "rms" else aim * (0.75 if first else 0.87)
     if last.estimate is not None and last.estimate.slow:
@@ -161,13 +161,13 @@ def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
     return bool(last.error * slower <= accepted * (at_first if first else later))
 
 
-def errors_stay(run: AdaptiveRun) -> bool:
+def errors_stagnate(run: AdaptiveRun) -> bool:
     """Return True if smaller spacings no longer reduce the error.
 
     Either the error has risen and is of the size that the residuals of linear solves cause, which grow as the spacing
     falls; or the last four errors do not fall.
     """
-    known = _comparable(run)[-4:]
+    known = _comparable_solves(run)[-4:]
     errors = [solve.error for solve in known]
     if len(known) < 2 or known[-1] is not run.last or known[-2].spacing < LEAST_RATIO * known[-1].spacing:
         return False
@@ -184,7 +184,7 @@ def _goal_spacing(run: AdaptiveRun, aim: float) -> float:
         return 0.0
     if _is_accepted(run, aim):
         return here
-    known = _comparable(run)
+    known = _comparable_solves(run)
     if not known:  # no mode was matched, so no error is known
         return here / math.sqrt(2)
     p, last = observed_order(run), known[-1]
@@ -195,11 +195,11 @@ def _goal_spacing(run: AdaptiveRun, aim: float) -> float:
 def observed_order(run: AdaptiveRun) -> float:
     """Return the order at which the error is assumed to fall: the mean of the observed order and the form's.
 
-    It is observed between the last two solves with estimated errors, without the error in time; if there are fewer than
-    two, between the last two solves, with the errors estimated from each alone, if known.
+    It is from 0.8 to 3, or 1.3 if the form's is below 1.3. It is observed between the last two solves with estimated
+    errors, without the error in time; if there are fewer, from the errors estimated from the last two solutions alone.
     """
     observed = prior = _prior_order(run)
-    pair = _comparable(run)[-2:]
+    pair = _comparable_solves(run)[-2:]
     errors = [solve.error - run.in_time for solve in pair]
     if len(pair) < 2 and not math.isnan(run.last.expected_error):
         pair = run.solves[-2:]
@@ -218,7 +218,7 @@ def _prior_order(run: AdaptiveRun) -> float:
     return run.order or run.last.solution.discretized.diagnosis().order
 
 
-def _comparable(run: AdaptiveRun) -> list[TimedSolve]:
+def _comparable_solves(run: AdaptiveRun) -> list[TimedSolve]:
     """Return the solves with the options of the last solve whose errors are known, the finest last."""
     return [solve for solve in run.solves if np.isfinite(solve.error) and run.has_same_options(solve.solution)]
 
@@ -275,7 +275,7 @@ def _seconds_line(run: AdaptiveRun) -> tuple[float, float]:
     return line_through(coarse, fine)
 
 
-def _most_in_time(run: AdaptiveRun) -> float:
+def _most_unknowns_in_time(run: AdaptiveRun) -> float:
     """Return the number of unknowns for which the remaining time suffices; infinite without a time limit.
 
     A solve at twice the spacing for comparison is included, unless the last solve serves for it.

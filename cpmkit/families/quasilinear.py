@@ -91,11 +91,11 @@ class Steps:
         """
         form = self.context.discretized
         scale = self.law.evaluate if self.penalty_scale is None else self._uniform_scale
-        coefficient = StateDependentCoefficient(self.law.flux_by_gradient, state.u, scale)
+        coefficient = StateDependentCoefficient(self.law.flux_derivative_by_gradient, state.u, scale)
         tangent = form.stiffness(replace(self.terms, diffusivity=coefficient))
         drift = None
         if self.law.by_value is not zero_derivative:
-            drift = form.advection(StateDependentCoefficient(self.law.flux_by_value, state.u))
+            drift = form.advection(StateDependentCoefficient(self.law.flux_derivative_by_value, state.u))
         change, report = self._solve(tangent, state, drift)
         weights = 1 / np.abs(tangent.diagonal)
         before, length = _weighted_norm(state.residual, weights), 1.0

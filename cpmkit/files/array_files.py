@@ -24,7 +24,7 @@ DAMAGE_ERRORS = (ValueError, TypeError, KeyError, EOFError, SyntaxError, Overflo
 
 
 def read_array(path: Path, label: str = "an array of numbers") -> np.ndarray:
-    """Return the array of numbers in an ``.npy`` file.
+    """Return the array in an ``.npy`` file, of the type and shape that it has there.
 
     Parameters
     ----------
@@ -94,8 +94,8 @@ def _check_size(needed: int, name: str) -> None:
 def _read_stream(opened: IO[bytes], length: int, name: str, label: str, kinds: str) -> np.ndarray:
     """Return the array in an opened .npy file, or such a part of an archive, of ``length`` bytes with its header.
 
-    Raises InputError if its type is not among ``kinds``, it is larger than the available memory, or the file is damaged
-    or shorter than the header says; ``name`` and ``label`` are the file and its expected contents in messages.
+    Raises InputError if its NumPy kind is no letter of ``kinds``, such as "iuf", it is larger than the memory, or the
+    file is damaged or cut off; ``name`` and ``label`` are the file and its expected contents in messages.
     """
     try:
         shape, fortran, dtype, header = _header(opened)

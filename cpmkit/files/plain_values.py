@@ -142,7 +142,7 @@ DEEPEST_NESTING = 40
 WHOLE_NUMBER_BOUND = 2**63
 
 
-def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], label: str, like: str) -> Parsed:
+def read_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], label: str, like: str) -> Parsed:
     """Return the result of ``make`` for the tables and the path of a TOML file.
 
     ``label``, such as "scene file", and ``like`` describe the expected file in the error if there is none. Raises

@@ -68,12 +68,12 @@ def remove_leftovers(path: Path) -> None:
     named = re.compile(re.escape(f".{path.stem}.") + r"(\d{1,10})(-\d{1,10})?" + re.escape(path.suffix.lower()))
     for entry in path.parent.iterdir():
         match = named.fullmatch(entry.name)
-        if match and not _runs(int(match[1])):
+        if match and not _is_running(int(match[1])):
             with suppress(OSError):
                 shutil.rmtree(entry) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
 
 
-def _runs(process: int) -> bool:
+def _is_running(process: int) -> bool:
     """Return True if a process with the id ``process`` runs, or if that cannot be determined."""
     if os.name == "nt":  # there `os.kill` would end it
         return True
@@ -213,7 +213,7 @@ def find_file(name: str | Path, folder_of_scene: Path | None = None) -> Path:
             return folder / name
     hint = ""
     if str(name) in KNOWN_MESHES:
-        fetched = _fetch(str(name)) if os.environ.get("CPMKIT_FETCH") != "0" else None
+        fetched = _fetch_mesh(str(name)) if os.environ.get("CPMKIT_FETCH") != "0" else None
         if fetched is not None:
             return fetched
         hint = f"; {name} is one of the meshes at {MESHES_URL}, download it into one of these folders"
@@ -231,7 +231,7 @@ def _folder_text(folder: Path) -> str:
         return text
 
 
-def _fetch(name: str) -> Path | None:
+def _fetch_mesh(name: str) -> Path | None:
     """Return the path of an example mesh, downloaded into the cache; None without the package pooch or a connection.
 
     Raises InputError if the checksum is wrong.
@@ -244,7 +244,7 @@ def _fetch(name: str) -> Path | None:
     path, checksum = KNOWN_MESHES[name]
     url = f"{os.environ.get('CPMKIT_ORIGIN', MESHES_URL)}/{path}"
     try:
-        file = pooch.retrieve(url, f"sha256:{checksum}", fname=name, path=cache_folder(), downloader=_download)
+        file = pooch.retrieve(url, f"sha256:{checksum}", fname=name, path=cache_folder(), downloader=_download_file)
         return Path(file)
     except OSError:
         return None
@@ -254,7 +254,7 @@ def _fetch(name: str) -> Path | None:
         ) from error
 
 
-def _download(url: str, output_file: Any, _: Any) -> None:
+def _download_file(url: str, output_file: Any, _: Any) -> None:
     """Download ``url``, which may also begin with file://, into ``output_file``."""
     from urllib.request import urlopen
 

@@ -64,8 +64,8 @@ class Boundary:
 
     Raises
     ------
-    SceneError
-        If a condition is given on one side only, or on neither.
+    InputError
+        If the source or ``left_of`` is not accepted; SceneError if a condition is not, or is on one side or on neither.
 
     Examples
     --------
@@ -100,7 +100,7 @@ class Boundary:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        """Replace data by Dirichlet conditions and the place by a source; raise SceneError if they are not accepted."""
+        """Replace data by Dirichlet conditions and the place by a source; raise InputError if they are not accepted."""
         sides = [*self.given_conditions]
         if sides not in (["both"], ["left", "right"], ["across"]):
             raise SceneError(
@@ -214,8 +214,8 @@ def as_boundary(value: Any) -> Boundary:
 def named_sides(boundaries: Sequence[Boundary], side: Sides, has_left: Sequence[bool] | None = None) -> dict[str, Side]:
     """Return the side, left or right, from which a solution is evaluated on each boundary, by the boundary's name.
 
-    ``side`` is a mapping from names to sides, a side for all boundaries that have sides, or None (then the result is
-    empty). ``has_left`` is True for each of the ``boundaries`` that has sides; by default all have.
+    ``side`` is a mapping from names to sides (other boundaries are left out), a side for all boundaries that have
+    sides, or None (then the result is empty). ``has_left`` is whether each boundary has sides; by default all have.
 
     Raises InputError if a name is not that of a boundary, it has no sides, or a side is neither left nor right.
     """

@@ -37,7 +37,7 @@ class Coupled(Equation):
     Parameters
     ----------
     coupling : callable
-        C, a function of points (n, d) that returns matrices (n, k, k), k the number of channels.
+        C, a function of points (n, d) that returns matrices (n, k, k), also unsymmetric, k the number of channels.
     f : number, sequence or callable
         Right-hand side, of k channels, or one value for all of them.
     diffusivity, c : number or callable
@@ -141,10 +141,7 @@ class Eigen(Equation[EigenFamily]):
         return str(self.terms()).removesuffix("f") + "lambda u"
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Raise SceneError for the first of ``conditions`` that is not accepted, or has data other than zero.
-
-        They are pairs (name of the place in messages, condition).
-        """
+        """Raise SceneError for the first of ``conditions``, (label, condition), not accepted or with data not zero."""
         super().check_conditions(conditions)
         for label, condition in conditions:
             if not all(is_zero(datum) for _, datum in condition.law.data):
@@ -279,7 +276,7 @@ class ReactionDiffusion(Evolution):
         return Terms(self.f, diffusivity=self.kappa[0])
 
     def terms_of_channels(self, channels: int) -> list[tuple[tuple[int, ...], Terms]]:
-        """Return pairs (channel indices, their spatial terms): channels with equal kappa are in the same pair."""
+        """Return pairs (indices of channels with equal kappa, their spatial terms); all ``channels`` are in a pair."""
         each = self.kappa * channels if len(self.kappa) == 1 else self.kappa
         different: list[Any] = []
         for kappa in each:
@@ -297,9 +294,9 @@ class ReactionDiffusion(Evolution):
         return [*data, ("the reaction", [0.0] * channels)] if channels is not None else data
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Raise SceneError for the first of ``conditions`` that is not accepted; a coupling needs equal kappa.
+        """Raise SceneError for the first of ``conditions``, pairs (label, condition), that is not accepted.
 
-        They are pairs (name of the place in messages, condition).
+        A coupling is accepted if all channels have the same kappa.
         """
         super().check_conditions(conditions)
         alike = len(self.terms_of_channels(len(self.kappa))) == 1

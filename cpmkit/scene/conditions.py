@@ -93,10 +93,10 @@ class Dirichlet(Condition):
     Parameters
     ----------
     value : number, text, sequence, or callable
-        A number; a formula such as ``"sin(x)"``; one of them (or a callable) a channel; or a function of points
-        (n, d) that returns (n,) or (n, channels).
+        A number; a formula such as ``"sin(x)"`` (SceneError if it does not parse); one of them (or a callable) a
+        channel; or a function of points (n, d) that returns (n,) or (n, channels).
     order : 1 or 2, optional
-        Overrides the discretisation's order for this condition.
+        Overrides the discretisation's order for this condition. Raises InputError for another number.
 
     Examples
     --------
@@ -119,7 +119,7 @@ class Dirichlet(Condition):
 def as_condition(value: Any) -> Any:
     """Return data (a number, formula, sequence, array or function) as a Dirichlet condition, other values unchanged.
 
-    A condition or a list with a condition in it is such another value.
+    A condition or a list with a condition in it is such another value. Raises SceneError if a formula does not parse.
     """
     if isinstance(value, (bool, type)) or (is_sequence(value) and any(isinstance(entry, Condition) for entry in value)):
         return value

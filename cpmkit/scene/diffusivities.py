@@ -61,8 +61,8 @@ def as_diffusivity(value: Any, label: str) -> Any:
 def evaluate_diffusivity(diffusivity: Any, points: Floats, label: str) -> Floats:
     """Return the values of a diffusivity at ``points`` (n, d): numbers (n,), or symmetric tensors (n, d, d).
 
-    It is a number, a (d, d) array or a function; ``label`` is its name in messages. Raises InputError if a value is not
-    finite, the values have other shapes, or a tensor is not symmetric.
+    It is a number, a (d, d) array or a function; ``label`` is its name in messages. Tensors may be read-only. Raises
+    InputError if a value is not finite, the values have other shapes, or a tensor is not symmetric.
     """
     values = diffusivity(points) if callable(diffusivity) else diffusivity
     if np.ndim(values) < 2 or (callable(diffusivity) and np.ndim(values) != 3):
@@ -137,11 +137,11 @@ class StateDiffusivity:
         """Return a (k,) at ``points`` (k, d) where u is (k,) and its tangential gradient is ``slopes`` (k, d)."""
         return self._values(self.function, u, np.linalg.norm(slopes, axis=1), points)
 
-    def flux_by_gradient(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+    def flux_derivative_by_gradient(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return the derivative (k, d, d) of a grad u with respect to grad u, a I + s da/ds e e' with e along grad u.
 
-        Its eigenvalue along e, a + s da/ds, is raised to a / 1000 where it is smaller, so that the tensor stays
-        positive. Arguments as for :meth:`evaluate`.
+        Here s is the norm of grad u. The eigenvalue a + s da/ds along e is raised to a / 1000 where it is smaller, so
+        that the tensor stays positive. Arguments as for :meth:`evaluate`.
         """
         s = np.linalg.norm(slopes, axis=1)
         a = self._values(self.function, u, s, points)
@@ -155,7 +155,7 @@ class StateDiffusivity:
         squares = e[:, :, None] * e[:, None, :]
         return np.asarray(a[:, None, None] * np.eye(slopes.shape[1]) + along[:, None, None] * squares)
 
-    def flux_by_value(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+    def flux_derivative_by_value(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return the derivative (k, d) of a grad u by u, da/du grad u; arguments as for :meth:`evaluate`."""
         s = np.linalg.norm(slopes, axis=1)
         if self.by_value is not None:

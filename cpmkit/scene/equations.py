@@ -150,10 +150,7 @@ class Equation(Generic[Family]):
         return str(self.terms())
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Raise SceneError for the first of ``conditions`` that the equation does not accept.
-
-        They are pairs (name of the place in messages, condition).
-        """
+        """Raise SceneError for the first of ``conditions``, pairs (label in messages, condition), not accepted."""
         for label, condition in conditions:
             refusal = condition.refusal(self)
             if refusal:

@@ -132,9 +132,9 @@ class Spectral(_Law):
 
 @dataclass(frozen=True, eq=False)
 class Nonlinear(_Law):
-    """The law du/db = flux(u), or flux(u, points), with ``slope`` its derivative by u.
+    """The law du/db = flux(u), or flux(u, points), of values (n,) and points (n, d), that returns (n,).
 
-    Newton's method starts at u = ``guess`` on the boundary.
+    ``slope`` is its derivative by u, of the same arguments. Newton's method starts at u = ``guess`` on the boundary.
     """
 
     flux: Callable[..., Any]
@@ -152,14 +152,14 @@ class Nonlinear(_Law):
         return (object(),)
 
     def flux_at(self, values: Floats, points: Floats) -> Floats:
-        """Return du/db = flux (n,) for ``values`` (n,) of u at ``points`` (n, d), in the scene's coordinates."""
+        """Return du/db = flux (n,) for ``values`` (n,) of u at ``points`` (n, d), in the scene's coordinates.
+
+        Raises InputError if the function does not return finite numbers (n,).
+        """
         return call_pointwise(self.flux, (values, points), values.shape, "a nonlinear flux")
 
     def slope_at(self, values: Floats, points: Floats) -> Floats:
-        """Return the derivative (n,) of the flux with respect to u for ``values`` (n,) of u at ``points`` (n, d).
-
-        It is computed by central differences if the field ``slope`` is None.
-        """
+        """Return the derivative (n,) of :meth:`flux_at` by u, by central differences if the field ``slope`` is None."""
         if self.slope is not None:
             return call_pointwise(self.slope, (values, points), values.shape, "the slope of a nonlinear flux")
         return central_difference(lambda varied: self.flux_at(varied, points), values)
@@ -169,8 +169,8 @@ class Nonlinear(_Law):
 class Interface(_Law):
     """The coupling ``u_left - u_right = jump + resistance * flow``, ``k_left du/db_left + k_right du/db_right = flux``.
 
-    ``left`` and ``right`` are the conductivities k, None for the diffusivity of the equation; ``flow`` is the flow
-    from left to right.
+    ``left`` and ``right`` are the conductivities k, None for the diffusivity of the equation; ``flow``, from left to
+    right, is the mean of ``-k_left du/db_left`` and ``k_right du/db_right``.
     """
 
     jump: Data

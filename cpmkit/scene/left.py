@@ -61,8 +61,8 @@ class SampledBoundary:
     def sample(cls, source: LocalSource, surface: LocalSource, dimension: int) -> SampledBoundary:
         """Return ``source`` sampled at the first density that determines the signs of its conormals, or at the highest.
 
-        ``dimension`` is that of the manifold ``surface``. Samples at corners of a curve are left out. Directions that
-        the sources do not provide are differences over half the spacing; the others fix the signs of their pieces.
+        ``dimension`` is that of the manifold ``surface``. Samples at corners of a curve are left out. Conormals that
+        the sources do not provide are differences over half the spacing; those that they provide determine the signs.
         """
         for samples, spacing in samplings(source, surface):
             tangents = None
@@ -147,7 +147,10 @@ class SampledBoundary:
         return dots(unit(goal - on_surface.points), left)
 
     def side_points(self) -> Floats:
-        """Return points (2, d) of the manifold left and right of a sample, a tenth of the boundary's size from it."""
+        """Return a point of the manifold left and one right, (2, d), of a sample, a tenth of the boundary's size away.
+
+        They are relative to the origin of the sources. A single point has the size ``spacing``.
+        """
         middle = len(self.samples) // 2
         size = float(np.ptp(self.source.bounds, axis=0).max()) or self.spacing
         steps = 0.1 * size * np.array([[1.0], [-1.0]]) * self.left[middle]

@@ -46,7 +46,10 @@ class OrientedBoundary:
         return self.has_sides and self.left.known
 
     def relative_to(self, origin: Floats, source: LocalSource, surface: LocalSource) -> OrientedBoundary:
-        """Return the boundary relative to another ``origin`` (d,), as ``source`` and ``surface`` already are."""
+        """Return the boundary with its points relative to another ``origin`` (d,), in the scene's coordinates.
+
+        ``source`` and ``surface``, the sources of the boundary and of the manifold, are relative to this origin.
+        """
         signs = self.left.signs
         if signs.points is not None:
             signs = replace(signs, points=signs.points + (self.left.origin - origin))
@@ -60,8 +63,8 @@ class OrientedBoundary:
     def leftward(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> Floats:
         """Return the unit conormals v (n, d) to the left.
 
-        ``feet`` and ``on_surface`` are those of :meth:`feet`. Directions that the sources do not provide are
-        differences of closest points over the length ``step``.
+        ``feet`` and ``on_surface`` are the results of :meth:`feet` for n points. Directions that the sources do not
+        provide are differences of closest points over the length ``step``.
         """
         return left_conormals(self.source, self.surface, self.left.signs, on_surface, feet, step)
 
@@ -83,7 +86,7 @@ class OrientedBoundary:
         return np.cross(left, normals)
 
     def open_ends(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> Bools:
-        """Return whether each closest point (n,) is an open end, around which the solution is continuous.
+        """Return whether each closest point is at an open end (n,), around which the solution is continuous.
 
         ``feet`` and ``on_surface`` are those of :meth:`feet`. Unlike King et al. (2024), eq. 16, an end on the rim of
         the manifold, which ends less than the length ``step`` beyond it, is not open: there the curve divides it.
@@ -132,8 +135,8 @@ class OrientedBoundary:
 def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
     """Return ``boundary`` with its orientation in the manifold ``surface``, relative to the centre of its own bounds.
 
-    Raises SceneError if its dimension does not fit, ``left_of`` is on the right, or its conditions need a left side
-    that is missing or undetermined.
+    It does not depend on the spacing. Raises SceneError if its dimension does not fit, ``left_of`` is on the right, or
+    its conditions need a left side that is missing or undetermined.
     """
     origin: Floats = np.asarray(boundary.source.bounds, dtype=np.float64).mean(axis=0)
     source, manifold = localize(boundary.source, origin), localize(surface, origin)

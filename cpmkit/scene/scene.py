@@ -57,8 +57,10 @@ class Scene(Generic[Family]):
 
     Raises
     ------
+    InputError
+        If the surface is no source, or data have other shapes than (n,) or (n, channels) or are not finite.
     SceneError
-        If names repeat, data have different numbers of channels, or an argument is not accepted.
+        If names repeat, data have different numbers of channels, or another argument is not accepted.
 
     Examples
     --------
@@ -133,7 +135,7 @@ class Scene(Generic[Family]):
     def channels(self) -> int:
         """Number of right-hand sides that are solved together: the largest number of channels of any data.
 
-        Raises SceneError if other data have a number that is neither 1 nor this.
+        Raises SceneError if other data have a number that is neither 1 nor this, InputError if data are not finite.
         """
         counts = []
         for label, data, place in self._data():
@@ -155,7 +157,7 @@ class Scene(Generic[Family]):
         diffusivity = self.problem.terms().diffusivity
         if not callable(diffusivity):
             return np.ndim(diffusivity) > 0
-        return not hasattr(diffusivity, "needs_state") and np.ndim(diffusivity(_point_of(self.surface))) > 2
+        return not hasattr(diffusivity, "needs_state") and np.ndim(diffusivity(_point_near_centre(self.surface))) > 2
 
     @property
     def edge_conditions(self) -> list[Condition]:
@@ -177,11 +179,7 @@ class Scene(Generic[Family]):
         return html_table("Scene", rows)
 
     def oriented(self, boundary: Boundary) -> OrientedBoundary:
-        """Return a boundary of the scene with its orientation, which does not depend on the spacing and is cached.
-
-        Raises SceneError if its dimension does not fit, ``left_of`` is on the right, or its conditions need a left side
-        that is missing or undetermined.
-        """
+        """Return a boundary of the scene with its orientation, which is cached; raise SceneError as :func:`orient`."""
         if id(boundary) not in self._oriented:  # the scene keeps its boundaries alive
             self._oriented[id(boundary)] = orient(boundary, self.surface)
         return self._oriented[id(boundary)]
@@ -211,17 +209,17 @@ class Scene(Generic[Family]):
         """
         places: list[Callable[[], Floats]] = []
         for boundary in self.boundaries:
-            places += [cache(partial(_point_of, boundary.source))] * len(SIDES)
+            places += [cache(partial(_point_near_centre, boundary.source))] * len(SIDES)
         places += [partial(sample_edge_point, self.surface, *part) for part in parts_of_edge(self.edge)]
         triples: list[tuple[str, Data, Callable[[], Floats]]] = []
         for (label, condition), place in zip(self._conditions(), places, strict=True):
             data = condition.law.data
             triples += [(label if len(data) == 1 else f"the {name} of {label}", datum, place) for name, datum in data]
-        on_surface = cache(partial(_point_of, self.surface))
+        on_surface = cache(partial(_point_near_centre, self.surface))
         return triples + [(label, data, on_surface) for label, data in self.problem.data()]
 
 
-def _point_of(source: ClosestPointSource) -> Floats:
+def _point_near_centre(source: ClosestPointSource) -> Floats:
     """Return the closest point (1, d) of ``source`` to the centre of its bounds."""
     centre = np.asarray(source.bounds, dtype=np.float64).mean(axis=0)[None]
     return LocalSource(source, np.zeros(source.dim)).closest_point(centre).points

@@ -74,7 +74,7 @@ class VertexData:
         return f"VertexData({self.source!r}, {np.shape(self.values)} values)"
 
     def __call__(self, points: Floats) -> Floats:
-        """Return the data (n,) or (n, channels) at ``points`` (n, d)."""
+        """Return the data (n,) or (n, channels) at ``points`` (n, d); raise InputError for points of another shape."""
         source: Any = self.source
         values: Floats = source.interpolate(
             self.values, source.closest_point(np.ascontiguousarray(points, dtype=np.float64))
@@ -106,12 +106,12 @@ class VertexArrays:
         if id(instance) not in self._replaced:  # the argument is stored too, so that its id stays unique
             names = [member.name for member in fields(instance) if member.init and "Data" in str(member.type)]
             old = {name: getattr(instance, name) for name in names}
-            new = {name: self._datum(value, f"{name} of {label}") for name, value in old.items()}
+            new = {name: self._as_vertex_data(value, f"{name} of {label}") for name, value in old.items()}
             differs = any(new[name] is not old[name] for name in names)
             self._replaced[id(instance)] = instance, replace(instance, **new) if differs else instance
         return self._replaced[id(instance)][1]
 
-    def _datum(self, array: Any, label: str) -> Any:
+    def _as_vertex_data(self, array: Any, label: str) -> Any:
         """Return an ``array`` with one row per vertex as :class:`VertexData`; other data, also tensors, unchanged.
 
         Raises SceneError or InputError as :meth:`replace_arrays`; ``label`` is the name of the array in messages.

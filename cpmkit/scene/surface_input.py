@@ -38,36 +38,36 @@ def as_source(mesh: Any) -> Any:
 
     Raises
     ------
-    SceneError
-        If a mesh has solids or other cells that are not accepted, or has no faces and is not a point cloud.
+    InputError
+        If a mesh has solids or other cells that are not accepted, or no faces, or its faces name vertices wrongly.
     """
     if callable(getattr(mesh, "closest_point", None)):
         return mesh
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
-        return _mesh(*mesh)
+        return _mesh_source(*mesh)
     if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):  # tensor meshes of open3d
-        return _mesh(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
+        return _mesh_source(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
     if hasattr(mesh, "n_points") and hasattr(mesh, "n_lines"):  # surfaces of pyvista
-        return _poly_data(mesh)
+        return _poly_data_source(mesh)
     if hasattr(mesh, "n_points") and (hasattr(mesh, "celltypes") or hasattr(mesh, "dimensions")):  # grids of pyvista
-        return _mesh(np.asarray(mesh.points), faces_of_grid(mesh))
+        return _mesh_source(np.asarray(mesh.points), faces_of_grid(mesh))
     if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):  # meshio
-        return _mesh(mesh.points, faces_of_cells([(block.type, block.data) for block in mesh.cells]))
+        return _mesh_source(mesh.points, faces_of_cells([(block.type, block.data) for block in mesh.cells]))
     if hasattr(mesh, "p") and hasattr(mesh, "t"):  # scikit-fem
-        return _mesh(np.transpose(mesh.p), _triangles_of(mesh, np.transpose(mesh.t)))
+        return _mesh_source(np.transpose(mesh.p), _triangles(mesh, np.transpose(mesh.t)))
     pairs = ("vertices faces", "vertices triangles", "v t", "v f", "V F", "coordinates faces", "points simplices")
     for vertices, faces in map(str.split, pairs):
         if hasattr(mesh, vertices) and hasattr(mesh, faces):
             cells = np.asarray(getattr(mesh, faces))
-            return _mesh(getattr(mesh, vertices), cells if vertices == "vertices" else _triangles_of(mesh, cells))
+            return _mesh_source(getattr(mesh, vertices), cells if vertices == "vertices" else _triangles(mesh, cells))
     if hasattr(mesh, "vertices") or hasattr(mesh, "points"):  # clouds of trimesh and open3d
         points = mesh.vertices if hasattr(mesh, "vertices") else mesh.points
-        return _cloud(np.asarray(points), getattr(mesh, "normals", None))
+        return _cloud_source(np.asarray(points), getattr(mesh, "normals", None))
     return mesh
 
 
-def _triangles_of(mesh: Any, cells: Any) -> Any:
-    """Return ``cells`` if they are triangles (m, 3); ``mesh`` is the object that contains them.
+def _triangles(mesh: Any, cells: Any) -> Any:
+    """Return ``cells`` unchanged if they are triangles (m, 3); ``mesh``, which contains them, is for messages.
 
     Raises SceneError if the cells do not have three corners, so that they may be solids.
     """
@@ -79,7 +79,7 @@ def _triangles_of(mesh: Any, cells: Any) -> Any:
     return cells
 
 
-def _poly_data(mesh: Any) -> ClosestPointSource:
+def _poly_data_source(mesh: Any) -> ClosestPointSource:
     """Return the source of a pyvista PolyData: of its polygons, or of its points as a cloud if it has no polygons.
 
     Raises SceneError if it has lines.
@@ -90,16 +90,16 @@ def _poly_data(mesh: Any) -> ClosestPointSource:
         )
     flat = np.asarray(mesh.triangulate().faces)
     if len(flat):
-        return _mesh(np.asarray(mesh.points), flat.reshape(-1, 4)[:, 1:])
-    return _cloud(np.asarray(mesh.points), mesh.point_data.get("Normals"))
+        return _mesh_source(np.asarray(mesh.points), flat.reshape(-1, 4)[:, 1:])
+    return _cloud_source(np.asarray(mesh.points), mesh.point_data.get("Normals"))
 
 
-def _mesh(vertices: Any, faces: Any) -> ClosestPointSource:
+def _mesh_source(vertices: Any, faces: Any) -> ClosestPointSource:
     """Return the source of a mesh with ``vertices`` (n, 3); ``faces`` (m, k), or lists, are numbers of vertices."""
     return source("mesh.triangles", vertices=np.asarray(vertices, dtype=np.float64), faces=faces)
 
 
-def _cloud(points: Any, normals: Any) -> ClosestPointSource:
+def _cloud_source(points: Any, normals: Any) -> ClosestPointSource:
     """Return the source of a point cloud (n, 3), with ``normals`` if they are an array of the same shape."""
     vectors = None if normals is None else np.asarray(normals, dtype=np.float64)
     keywords = {} if vectors is None or vectors.shape != np.shape(points) else {"normals": vectors}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.files.plain_values import from_toml
+from cpmkit.files.plain_values import read_toml
 from cpmkit.files.whole_files import find_file
 from cpmkit.forms.options import AccuracyTarget
 from cpmkit.plugins import check_accepted
@@ -29,7 +29,7 @@ def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> di
     accepted.
     """
     options = _application_options(tables, "vectors")
-    pairs = [_direction(table, number, scene, folder) for number, table in list_of_tables(tables, "direction")]
+    pairs = [_direction_pair(table, number, scene, folder) for number, table in list_of_tables(tables, "direction")]
     if not pairs:
         raise SceneError("a scene of vectors needs directions; write one [[direction]] at least.")
     return {**options, "directions": pairs}
@@ -42,7 +42,7 @@ def _application_options(tables: Mapping[str, Any], command: str) -> dict[str, A
     return options
 
 
-def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -> tuple[Any, Any]:
+def _direction_pair(table: dict[str, Any], number: int, scene: Scene, folder: Path) -> tuple[Any, Any]:
     """Return the pair (places, vectors) that the ``table`` [[direction]] ``number`` describes.
 
     It is points and their vectors, or a curve and its direction, or a curve and a table of the directions left and
@@ -170,7 +170,7 @@ def load_application(path: str | Path, command: str) -> scene_files.SceneFile:
     PluginError if no installed plugin has a kind that the file names.
     """
     like = f", such as one that `cpmkit examples` lists as applications/{command}-...toml"
-    return from_toml(path, partial(_application_file, command), "scene file", like)
+    return read_toml(path, partial(_application_file, command), "scene file", like)
 
 
 def _application_file(command: str, tables: dict[str, Any], path: Path) -> scene_files.SceneFile:

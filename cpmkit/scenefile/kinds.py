@@ -88,15 +88,15 @@ def scene_schema(command: str | None = None) -> Schema:
     title, tables, needed = "A scene of cpmkit", table_schemas(), ["problem", "surface"]
     if command is not None:
         keys = APPLICATIONS[command]
-        entries: list[Schema] = _one_of_kinds("source", keys.on_curve)["oneOf"]
+        entries: list[Schema] = _kinds_schema("source", keys.on_curve)["oneOf"]
         if keys.at_points:
-            entries.append(_table(keys.at_points, keys.at_points))
+            entries.append(_object_schema(keys.at_points, keys.at_points))
         del tables["problem"]
         tables[keys.entry] = {"type": "array", "items": {"oneOf": entries}}
-        tables |= {keys.table: _table(keys.options)} if keys.options else {}
+        tables |= {keys.table: _object_schema(keys.options)} if keys.options else {}
         tables |= {"target": {"$ref": "#/definitions/source"}} if keys.has_target else {}
         title, needed = f"A scene of `cpmkit {command}`", ["surface", "target" if keys.has_target else keys.entry]
-    return {"$schema": DRAFT, "title": title, **_table(tables, needed), "definitions": definitions()}
+    return {"$schema": DRAFT, "title": title, **_object_schema(tables, needed), "definitions": definitions()}
 
 
 def definitions() -> Schema:
@@ -106,7 +106,7 @@ def definitions() -> Schema:
     """
     order = {"type": "integer", "minimum": 1, "maximum": 4}
     values = dict.fromkeys(CONDITIONS, DATUM) | {"steklov": {"const": True}}
-    conditions = [_table({kind: value, "order": order}, [kind]) for kind, value in values.items()]
+    conditions = [_object_schema({kind: value, "order": order}, [kind]) for kind, value in values.items()]
     of_plugin = {"kind": {"type": "string"}, "order": order}
     datum = {"description": "Dirichlet's.", "type": ["number", "string", "array"]}
     return {
@@ -114,8 +114,8 @@ def definitions() -> Schema:
             "description": "A number, a formula in x, y, z and t, values by the vertex, or a list of them.",
             "type": ["number", "string", "array", "object"],
         },
-        "condition": {"anyOf": [*conditions, _table(of_plugin, ["kind"], further=True), datum]},
-        "source": _one_of_kinds("source"),
+        "condition": {"anyOf": [*conditions, _object_schema(of_plugin, ["kind"], further=True), datum]},
+        "source": _kinds_schema("source"),
     }
 
 
@@ -134,12 +134,12 @@ def table_schemas(problem_needs: bool = True) -> Schema:
         "name": {"description": "For reports, and to ask for a side.", "type": "string"},
     }
     return {
-        "surface": _one_of_kinds("source", {"edge": edge}),
-        "boundary": {"type": "array", "items": _one_of_kinds("source", sides)},
-        "problem": _one_of_kinds("equation", needs=problem_needs),
+        "surface": _kinds_schema("source", {"edge": edge}),
+        "boundary": {"type": "array", "items": _kinds_schema("source", sides)},
+        "problem": _kinds_schema("equation", needs=problem_needs),
         "discretization": _options_schema([Options, AccuracyTarget, *FORMS.values()]),
         "solver": _options_schema([SolverOptions], SOLVER_KEYS, further=True),
-        "output": _table(
+        "output": _object_schema(
             {
                 "folder": {"description": "Where results go, inside the working directory.", "type": "string"},
                 "files": {"description": "Names of files in it.", "type": "array", "items": {"type": "string"}},
@@ -151,10 +151,10 @@ def table_schemas(problem_needs: bool = True) -> Schema:
 
 def table_schema(keys: Iterable[Key]) -> Schema:
     """Return the JSON schema of a table with these ``keys``, none of them required."""
-    return _table({key.name: _key_schema(key) for key in keys})
+    return _object_schema({key.name: _key_schema(key) for key in keys})
 
 
-def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False) -> Schema:
+def _object_schema(properties: Schema, needed: Iterable[str] = (), further: bool = False) -> Schema:
     """Return the JSON schema of a table whose keys have the schemas ``properties``.
 
     ``needed`` are the required keys; ``further`` is True if other keys are allowed.
@@ -164,7 +164,7 @@ def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False
     return {**schema, "required": required} if required else schema
 
 
-def _one_of_kinds(sort: str, more: Mapping[str, Any] = {}, needs: bool = True) -> Schema:
+def _kinds_schema(sort: str, more: Mapping[str, Any] = {}, needs: bool = True) -> Schema:
     """Return the JSON schema of a table whose ``kind``, one of this :attr:`Kind.sort`, determines its other keys.
 
     ``more`` are schemas of further keys by name; ``needs`` is False if only ``kind`` is required. Keys of equations are
@@ -179,7 +179,7 @@ def _one_of_kinds(sort: str, more: Mapping[str, Any] = {}, needs: bool = True) -
         }
         needed = [key.name for key in choice.keys if key.needed and needs and key.name != "surface"]
         kind = {"const": choice.name, "description": choice.summary}
-        variants.append(_table({"kind": kind, **own, **more}, ["kind", *needed]))
+        variants.append(_object_schema({"kind": kind, **own, **more}, ["kind", *needed]))
     return {"oneOf": variants}
 
 
@@ -199,7 +199,7 @@ def _options_schema(
             summary = f"{earlier} {option.summary}".strip()
             properties[renamed.get(name, name)] = {**_json_type(types[name]), "description": summary}
     properties |= {"memory": {**properties["memory"], "type": ["number", "string"]}} if "memory" in properties else {}
-    return _table(properties, further=further)
+    return _object_schema(properties, further=further)
 
 
 def _key_schema(key: Key) -> Schema:

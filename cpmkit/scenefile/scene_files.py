@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.files.plain_values import from_toml
+from cpmkit.files.plain_values import read_toml
 from cpmkit.files.whole_files import find_file
 from cpmkit.forms.choice import RENAMED_OPTIONS, own_options
 from cpmkit.forms.options import AccuracyTarget, Options
@@ -77,7 +77,7 @@ def load_scene(path: str | Path) -> SceneFile:
     PluginError
         If no installed plugin has a kind that the file names.
     """
-    return from_toml(path, _scene_file, "scene file", ", such as examples/01-first-curves.toml")
+    return read_toml(path, _scene_file, "scene file", ", such as examples/01-first-curves.toml")
 
 
 def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:

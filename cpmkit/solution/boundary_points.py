@@ -28,10 +28,10 @@ def join_at_corners(
 ) -> tuple[list[Ints], tuple[bool, ...]]:
     """Return the runs of a boundary's points, joined where one begins where another ends, and whether each is closed.
 
-    The sides of a polyline that turns by a right angle are separate runs, whose ends coincide. Where three or more ends
-    meet, nothing is joined. A run has the indices (k,) of ``points`` (n, d) in order along a curve, with unit
-    ``tangents`` (n, d) in its direction; ``closed`` is True for each closed run. ``weights`` (n,) are the lengths of
-    curve that points represent, half on either side.
+    The given closed runs are first. The sides of a polyline that turns by a right angle are separate runs, whose ends
+    coincide. Where three or more ends meet, nothing is joined. A run has the indices (k,) of ``points`` (n, d) along a
+    curve, with unit ``tangents`` (n, d) in its direction; ``closed`` is True for each closed run. ``weights`` (n,) are
+    the lengths of curve that points represent, half on either side.
     """
     opened = [run for run, is_closed in zip(runs, closed, strict=True) if not is_closed]
     if not opened:
@@ -104,8 +104,8 @@ class BoundaryPoints:
     def spaced(self, count: int, curve: int = 0) -> Floats:
         """Return ``count`` points (count, d) of a curve at equal arc lengths, with both ends of an open curve.
 
-        ``curve`` is the number of the curve, from 0. Raises InputError if there is no such curve, the boundary consists
-        of points, or ``count`` is not a whole number above zero.
+        They are in the direction of the curve number ``curve``, from its start. Raises InputError if there is no such
+        curve, the boundary consists of points, or ``count`` is not a whole number from 1 to 10,000,000.
         """
         count = whole(count, "count", 1, 10_000_000)
         if not 0 <= curve < len(self.closed) or not self.source.manifold_dim:
@@ -150,7 +150,7 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
     (6.2832, (True,), [0.0, 0.0, 1.0])
     """
     spacing = positive(spacing, "spacing")
-    oriented = _oriented(source, surface)
+    oriented = _orient_boundary(source, surface)
     points, weights = boundary_rule(source, surface, spacing)
     tangents, conormals = _directions(oriented, points, DIFFERENCE_SPACINGS * spacing)
     if not source.manifold_dim:
@@ -159,7 +159,7 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
         return BoundaryPoints(source, surface, *each, (False,) * count)
     curves = link_chains(points, tangents, conormals, REACH_SPACINGS * spacing)
     runs, closed = join_at_corners(
-        [_in_direction(points, tangents, curve.order) for curve in curves],
+        [_order_along_tangents(points, tangents, curve.order) for curve in curves],
         [curve.closed for curve in curves],
         points,
         tangents,
@@ -180,7 +180,7 @@ def directions_along(
     They are those of :class:`BoundaryPoints`; where the sources provide none, they are differences of closest points
     with a step of a thousandth of the surface's size. Raises SceneError if the boundary does not lie in the surface.
     """
-    oriented, step = _oriented(source, surface), STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
+    oriented, step = _orient_boundary(source, surface), STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
     return lambda points: _directions(oriented, np.asarray(points, dtype=np.float64), step)
 
 
@@ -195,7 +195,7 @@ def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
     return unit_normals(local, local.closest_point(np.asarray(points, dtype=np.float64)), step)
 
 
-def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> OrientedBoundary:
+def _orient_boundary(source: ClosestPointSource, surface: ClosestPointSource) -> OrientedBoundary:
     """Return the boundary ``source`` of ``surface`` with its orientation.
 
     Raises SceneError if the boundary is neither points nor curves, or does not lie in the surface.
@@ -208,9 +208,10 @@ def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> Orient
 
 
 def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tuple[Floats, Floats]:
-    """Return unit tangents (k, d) and left conormals (k, d) at points (k, d) of a boundary; zero where undefined.
+    """Return unit tangents (k, d) and left conormals (k, d) at points (k, d), in the scene's coordinates; else zero.
 
-    ``step`` is the step of the finite differences that replace directions which the sources do not provide.
+    Points have no tangent, and neither without sides. ``step`` is the step of the differences that replace directions
+    which the sources do not provide.
     """
     if not oriented.has_sides:
         return np.zeros_like(points), np.zeros_like(points)
@@ -219,7 +220,7 @@ def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tupl
     return np.zeros_like(points) if oriented.dimension == 1 else oriented.tangents(feet, on, left, step), left
 
 
-def _in_direction(points: Floats, tangents: Floats, order: Ints) -> Ints:
+def _order_along_tangents(points: Floats, tangents: Floats, order: Ints) -> Ints:
     """Return ``order`` (k,), indices of a chain of points (n, d), reversed if it runs against the tangents (n, d)."""
     if len(order) < 2:
         return order

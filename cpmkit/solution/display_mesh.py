@@ -59,7 +59,7 @@ class DisplayMesh:
 
 
 def display_mesh(solution: SolutionRecord) -> DisplayMesh:
-    """Return the surface's mesh, refined and cut along every boundary, with the solution at its vertices.
+    """Return the surface's mesh, refined to edges of two spacings and cut along every boundary, with the solution.
 
     Raises InputError if the surface has no mesh.
     """
@@ -167,10 +167,10 @@ def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
 
 
 def values_at_vertices(solution: SolutionRecord, evaluate: Callable[[Floats], Floats]) -> Floats:
-    """Return ``evaluate`` (n,) or (n, channels) at the n vertices from which the user made the surface, in their order.
+    """Return the values (n,) or (n, channels) of ``evaluate`` at the n vertices from which the user made the surface.
 
-    It is NaN at a vertex that is not finite, or farther than half a spacing from the surface. Raises InputError if the
-    surface was not made from vertices.
+    ``evaluate`` maps points (k, d) to (k,) or (k, channels). The values are in the order of the vertices, NaN at one
+    that is not finite or over half a spacing off the surface. Raises InputError if the surface was not made from any.
     """
     surface = solution.scene.surface
     vertices, _ = given_mesh_of(surface)

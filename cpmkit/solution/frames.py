@@ -51,7 +51,7 @@ class EvolvedRecord(SolutionRecord):
         return integrals(self.discretized, self.values)
 
     def frame_meshes(self) -> list[DisplayMesh]:
-        """Return the display meshes of all frames, at least one: a mesh, cut once, with the values of each frame."""
+        """Return the display meshes of all frames, which must not be empty: one mesh with the values of each frame."""
         all_values = np.concatenate([frame.values for frame in self.frames], axis=1)
         mesh = replace(self, values=all_values, frames=()).display_mesh()
         parts = np.split(mesh.values, len(self.frames), axis=1)

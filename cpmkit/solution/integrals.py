@@ -48,23 +48,23 @@ def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | N
         read = form.at_points(solution.values)
         if function is not None:
             read = _integrand(function, form.points.copy(), read)
-        return _one_or_each(form.point_weights @ read)
+        return _float_if_single(form.point_weights @ read)
     curved, values = _cells_to_integrate(solution, dimension)
     points, _, weights, shares = quadratic_rule(curved)
     read = np.einsum("qk,mkc->mqc", shares, values).reshape(-1, values.shape[2])
     if function is not None:
         on_surface = solution.scene.surface.closest_point(points.reshape(-1, points.shape[2])).points
         read = _integrand(function, on_surface, read)
-    return _one_or_each(weights.ravel() @ read)
+    return _float_if_single(weights.ravel() @ read)
 
 
-def _one_or_each(total: Floats) -> float | Floats:
+def _float_if_single(total: Floats) -> float | Floats:
     """Return an integral (channels,) as a float if it has one channel, else unchanged."""
     return float(total[0]) if len(total) == 1 else total
 
 
 def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
-    """Return ``function`` (n, k) at ``points`` (n, d), where the solution is ``values`` (n, channels)."""
+    """Return ``function`` (n, k) at ``points`` (n, d) with ``values`` (n, channels); InputError for other shapes."""
     if not callable(function):
         return evaluate_data(function, points, None, "the integrand")
     columns = values[:, 0] if values.shape[1] == 1 else values
@@ -131,7 +131,7 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
     """
     dim = source.manifold_dim or 0
     if not isinstance(source, HasMesh):
-        return _from_bump(source, surface, spacing, dim)
+        return _bump_rule(source, surface, spacing, dim)
     points, cells = source.mesh(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
     cells = cells_with_corners(cells, dim + 1)
@@ -143,7 +143,7 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
     return surface.closest_point(on_source).points, weights.ravel()
 
 
-def _from_bump(
+def _bump_rule(
     source: ClosestPointSource, surface: ClosestPointSource, spacing: float, dim: int
 ) -> tuple[Floats, Floats]:
     """Return quadrature points (n, d) and weights (n,) on a boundary C of dimension ``dim`` that has no mesh.
@@ -210,13 +210,13 @@ def _rim_of_triangles(
 
 
 def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, points: Any) -> Floats:
-    """Return du/db (n,) or (n, channels) at points (n, d) of a boundary; InputError if ``side`` is None."""
+    """Return du/db (n,) or (n, channels) at points (n, d); as :meth:`SolutionRecord.flux_density`, with its errors."""
     density = solution.discretized.conormal_derivative(solution.values, points, boundary, _check_side(boundary, side))
     return density[:, 0] if solution.channels == 1 else density
 
 
 def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> float | Floats:
-    """Return the integral of du/db over a side of a boundary or an edge; see :meth:`SolutionRecord.flux`."""
+    """Return the integral, a float or (channels,), of du/db; arguments and errors as :meth:`SolutionRecord.flux`."""
     scene, form = solution.scene, solution.discretized
     names = [boundary.name for boundary in scene.boundaries]
     if boundary not in names and (boundary == "edge" or isinstance(boundary, int)):

@@ -263,17 +263,18 @@ class SolutionRecord:
     def flux_density(self, boundary: str, side: Side, points: Any) -> Floats:
         """Return du/db, (n,) or (n, channels), at the points of a boundary nearest to ``points`` (n, d).
 
-        b points out of ``side``, as for :meth:`flux`.
+        b points out of ``side``, as for :meth:`flux`. Raises InputError if the boundary has no such side.
         """
         from cpmkit.solution.integrals import flux_density
 
         return flux_density(self, boundary, side, points)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distance (n,) of points (n, d) of the manifold from boundary ``name``, positive on its left.
+        """Return (z - y) . v (n,) at points z (n, d) of the manifold: near boundary ``name`` the distance from it.
 
-        It is NaN where it is not defined: beyond an open end of the boundary, far from it, on a sheet of the surface
-        that the boundary does not touch, or if the boundary is a point on a surface.
+        y is the nearest point of the boundary, v the unit conormal to its left, so that the left is positive. NaN where
+        it is not defined: beyond an open end of the boundary, far from it, on a sheet of the surface that the boundary
+        does not touch, or if the boundary is a point on a surface. Raises InputError if there is no such boundary.
         """
         return self.discretized.signed_distance(name, points)
 

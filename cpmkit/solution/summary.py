@@ -40,9 +40,9 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
     """Return a scene as plain values, by which saved solutions are compared; functions are ``of position``."""
     edge = scene.edge
     if isinstance(edge, Mapping):
-        of_edge: Any = {str(loop): _on_loop(conditions) for loop, conditions in edge.items()}
+        of_edge: Any = {str(loop): _describe_loop(conditions) for loop, conditions in edge.items()}
     else:
-        of_edge = _on_loop(edge)
+        of_edge = _describe_loop(edge)
     return {
         "surface": type(scene.surface).__name__,
         "dim": scene.surface.dim,
@@ -50,27 +50,27 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
         "problem": {
             "kind": scene.problem.kind,
             "equation": str(scene.problem),
-            "constants": {name: _plain(value) for name, value in _arguments(scene.problem).items()},
+            "constants": {name: _as_plain(value) for name, value in _arguments(scene.problem).items()},
         },
         "boundaries": [
-            {side: _condition(boundary.condition(side)) for side in SIDES} | {"name": boundary.name}
+            {side: _describe_condition(boundary.condition(side)) for side in SIDES} | {"name": boundary.name}
             for boundary in scene.boundaries
         ],
         "edge": of_edge,
     }
 
 
-def _on_loop(conditions: LoopConditions) -> Any:
+def _describe_loop(conditions: LoopConditions) -> Any:
     """Return a loop's condition in words, or a list of [condition, formula] of its parts, None for the rest."""
     if not isinstance(conditions, ByPosition):
-        return _condition(conditions)
+        return _describe_condition(conditions)
     places = [None if part.where is None else getattr(part.where, "text", "of position") for part in conditions.parts]
-    return [[_condition(part.condition), place] for part, place in zip(conditions.parts, places, strict=True)]
+    return [[_describe_condition(part.condition), place] for part, place in zip(conditions.parts, places, strict=True)]
 
 
-def _condition(condition: Condition) -> str:
+def _describe_condition(condition: Condition) -> str:
     """Return the kind of a condition and its data in words; a single datum without its name."""
-    data = {name: _plain(value) for name, value in _arguments(condition).items() if (name, value) != ("order", None)}
+    data = {name: _as_plain(value) for name, value in _arguments(condition).items() if (name, value) != ("order", None)}
     alone = len(data) == 1 and "order" not in data
     return " ".join([condition.kind, *(f"{value}" if alone else f"{name}={value}" for name, value in data.items())])
 
@@ -80,7 +80,7 @@ def _arguments(term: Any) -> dict[str, Any]:
     return {entry.name: getattr(term, entry.name) for entry in fields(term) if entry.init} if is_dataclass(term) else {}
 
 
-def _plain(value: Any) -> Any:
+def _as_plain(value: Any) -> Any:
     """Return a datum for JSON: numbers as floats, lists by entries, a list of one entry as that entry, others as text.
 
     The text is ``of position`` for functions, else the name of the type.
@@ -90,7 +90,7 @@ def _plain(value: Any) -> Any:
     if callable(value):
         return "of position"
     if isinstance(value, (list, tuple, np.ndarray)) and np.ndim(np.asarray(value, dtype=object)):
-        entries = [_plain(entry) for entry in value]
+        entries = [_as_plain(entry) for entry in value]
         return entries[0] if len(entries) == 1 else entries
     try:
         return float(value)

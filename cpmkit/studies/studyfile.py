@@ -15,7 +15,7 @@ from typing import Any
 from unicodedata import normalize
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.files.plain_values import from_toml
+from cpmkit.files.plain_values import read_toml
 from cpmkit.files.whole_files import find_file
 from cpmkit.forms.choice import every_option
 from cpmkit.formulas.expressions import Expression
@@ -175,7 +175,7 @@ def load_study(path: str | Path) -> Study:
 
     Raises SceneError if the file is missing, does not parse, or holds a key or value that is not accepted.
     """
-    return from_toml(path, _study, "study file", " with the tables [exact], [sweep]")
+    return read_toml(path, _study, "study file", " with the tables [exact], [sweep]")
 
 
 def _study(tables: dict[str, Any], path: Path) -> Study:
