@@ -16,14 +16,14 @@ from cpmkit.solution.display_mesh import DisplayMesh, given_mesh_of
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 from cpmkit.view.colours import as_bytes, make_bar
-from cpmkit.view.drawing import in_space
+from cpmkit.view.drawing import points_in_space
 
 
 def write_vtp(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write a .vtp file for ParaView: a mesh with its values and, if given, their estimated error (v, channels)."""
+    """Write a .vtp file for ParaView: a mesh with its values and, if given, their estimated ``error`` (v, channels)."""
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-    path.write_bytes(_by_vtk(vtkXMLPolyDataWriter(), poly_data(mesh, error)))
+    path.write_bytes(_vtk_bytes(vtkXMLPolyDataWriter(), poly_data(mesh, error)))
 
 
 def write_vtu(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
@@ -31,7 +31,7 @@ def write_vtu(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
     grid = poly_data(mesh, error).cast_to_unstructured_grid()
-    path.write_bytes(_by_vtk(vtkXMLUnstructuredGridWriter(), grid))
+    path.write_bytes(_vtk_bytes(vtkXMLUnstructuredGridWriter(), grid))
 
 
 def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
@@ -41,7 +41,7 @@ def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
     colours = ("red", "green", "blue")
     kinds = [*((name, "<f8") for name in names), *((name, "u1") for name in colours)]
     points = np.zeros(len(mesh.points), dtype=kinds)
-    for name, column in zip("xyz", in_space(mesh.points).T, strict=True):
+    for name, column in zip("xyz", points_in_space(mesh.points).T, strict=True):
         points[name] = column
     for name, column in columns.items():
         points[name] = column
@@ -60,7 +60,7 @@ def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 def write_obj(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> None:
     """Write an OBJ file: vertices with their colours, triangles and segments; values and error are left out."""
-    rows = np.hstack([in_space(mesh.points), colours_of(mesh)])
+    rows = np.hstack([points_in_space(mesh.points), colours_of(mesh)])
     lines = [f"v {x!r} {y!r} {z!r} {r:.4f} {g:.4f} {b:.4f}" for x, y, z, r, g, b in rows.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]
     lines += [f"l {a} {b}" for a, b in (mesh.segments + 1).tolist()]
@@ -132,7 +132,7 @@ def poly_data(mesh: DisplayMesh, error: Floats | None = None) -> Any:
     listed: dict[str, Any] = {
         name: np.insert(part, 0, part.shape[1], axis=1).ravel() for name, part in parts.items() if len(part)
     }
-    data = pyvista.PolyData(in_space(mesh.points), **listed)
+    data = pyvista.PolyData(points_in_space(mesh.points), **listed)
     for name, array in {"u": mesh.values, "error": error}.items():
         if array is not None:
             data.point_data[name] = array[:, 0] if array.shape[1] == 1 else array
@@ -143,8 +143,8 @@ def poly_data(mesh: DisplayMesh, error: Floats | None = None) -> Any:
     return data
 
 
-def _by_vtk(writer: Any, data: Any) -> bytes:
-    """Return the contents of the file that a ``writer`` of VTK makes of ``data``.
+def _vtk_bytes(writer: Any, data: Any) -> bytes:
+    """Return the contents of the file that a ``writer`` of VTK makes of the data set ``data``.
 
     VTK itself would leave half a file on a full disk without an error.
     """
@@ -157,13 +157,13 @@ def _by_vtk(writer: Any, data: Any) -> bytes:
 
 def to_pyvista(solution: SolutionRecord, vertices: str = "display") -> Any:
     """Return the mesh, ``vertices`` "display" or "own", as ``pyvista.PolyData`` with ``u``; as :func:`poly_data`."""
-    return poly_data(_mesh(solution, vertices))
+    return poly_data(_chosen_mesh(solution, vertices))
 
 
 def to_trimesh(solution: SolutionRecord, vertices: str = "display") -> Any:
     """Return the mesh ("display" or "own") as a ``trimesh.Trimesh`` with colours and ``u``, or ``u0``, ``u1``, ..."""
     trimesh, mesh = _library_and_mesh("trimesh", solution, vertices)
-    made = trimesh.Trimesh(in_space(mesh.points), mesh.triangles, process=False)
+    made = trimesh.Trimesh(points_in_space(mesh.points), mesh.triangles, process=False)
     made.visual.vertex_colors = as_bytes(colours_of(mesh))
     made.vertex_attributes.update(value_columns(mesh))
     return made
@@ -182,7 +182,7 @@ def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str
     """Register the mesh ("display" or "own") with polyscope as ``name``, and return it; ``polyscope.show()`` draws."""
     polyscope, mesh = _library_and_mesh("polyscope", solution, vertices)
     polyscope.init()
-    made = polyscope.register_surface_mesh(name, in_space(mesh.points), mesh.triangles)
+    made = polyscope.register_surface_mesh(name, points_in_space(mesh.points), mesh.triangles)
     for column, values in value_columns(mesh).items():
         made.add_scalar_quantity(column, values, enabled=mesh.values.shape[1] == 1)
     if mesh.values.shape[1] == 3:
@@ -190,30 +190,30 @@ def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str
     return made
 
 
-def _mesh(solution: SolutionRecord, vertices: str) -> DisplayMesh:
-    """Return the display mesh if ``vertices`` is "display", the surface's given mesh if "own"; raise for others."""
+def _chosen_mesh(solution: SolutionRecord, vertices: str) -> DisplayMesh:
+    """Return the display mesh for ``vertices`` "display", the surface's given mesh for "own"; else raise InputError."""
     check_one_of(vertices, VERTICES, "vertices")
     return own_mesh(solution) if vertices == "own" else solution.display_mesh()
 
 
 def _library_and_mesh(name: str, solution: SolutionRecord, vertices: str) -> tuple[Any, DisplayMesh]:
-    """Return the module of the library ``name`` and the mesh of :func:`_mesh` that is handed to it.
+    """Return the module of the library ``name`` and the mesh of :func:`_chosen_mesh` that is handed to it.
 
-    Raises MissingDependencyError if the library is not installed, and InputError if the mesh has no triangles, which
-    all but meshio need.
+    Raises MissingDependencyError if the library is not installed, and InputError for another word in ``vertices``, or
+    if the mesh has no triangles, which all but meshio need.
     """
     try:
         library = import_module(name)
     except ImportError as error:
         raise MissingDependencyError(f"{name} is not installed; `pip install {name}` adds it.") from error
-    mesh = _mesh(solution, vertices)
+    mesh = _chosen_mesh(solution, vertices)
     if not len(mesh.triangles) and name != "meshio":
         raise InputError(f"{name} takes triangles, and the mesh has none; use to_pyvista or to_meshio.")
     return library, mesh
 
 
 def own_mesh(solution: SolutionRecord) -> DisplayMesh:
-    """Return the mesh that the surface was made from, uncut, with the solution at vertices; InputError if none."""
+    """Return the mesh from which the surface was made, with the solution at its vertices; InputError if none."""
     vertices, cells = given_mesh_of(solution.scene.surface)
     values = solution.at_vertices(None).reshape(len(vertices), -1)
     return DisplayMesh(vertices, cells, values, None, len(vertices))

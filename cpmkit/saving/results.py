@@ -60,7 +60,7 @@ def check_request(
     Raises InputError or MissingDependencyError if a file cannot be made of a solution on ``surface``, or be written.
     """
     for file in request.files:
-        check_file(file, surface, _vertices_of(file, request))
+        check_file(file, surface, _mesh_choice(file, request))
     target = request.picture
     if target is not None:
         check_picture(target.file, target)
@@ -92,8 +92,8 @@ def write_results(
     """Write all files of ``request`` into ``folder``, which is created; existing files are replaced.
 
     The result has the summary and the failures. A failure of a file does not prevent the others, and every written file
-    is whole. The summary is written last, with ``warnings`` in place of the solution's. Pictures and pages show
-    ``drawn_as`` in place of the solution if given.
+    is whole. The summary is written last. If given, ``warnings`` replace those of the solution in it, and pictures and
+    pages show ``drawn_as``; ``progress`` is called with the stages ``write`` and ``picture``.
     """
     summaries = [file for file in request.files if file.lower().endswith(".json")]
     others = [file for file in request.files if file not in summaries]
@@ -104,17 +104,17 @@ def write_results(
     start = time.perf_counter()
     for index, file in enumerate(others):
         progress("write", index / len(others))
-        with _collecting_failures(failures, file):
+        with _collect_failures(failures, file):
             suffix = Path(file).suffix.lower()
             look = target.look if target is not None and suffix in (*FILMS, PAGE) else {}
             saved = shown if suffix == PAGE else solution
-            save(saved, _with_folder(folder / file), _vertices_of(file, request), **look)
+            save(saved, _create_folder(folder / file), _mesh_choice(file, request), **look)
         seconds["write"] = time.perf_counter() - start
     if target is not None:
         progress("picture", 0.0)
         start = time.perf_counter()
-        with _collecting_failures(failures, target.file):
-            place = _with_folder(folder / target.file)
+        with _collect_failures(failures, target.file):
+            place = _create_folder(folder / target.file)
             drawn = {"file": target.file, "camera": picture(shown, place, **target.look).camera}
             if target.frames:
                 frames = draw_frames(shown, place, target)
@@ -125,40 +125,40 @@ def write_results(
         **({} if warnings is None else {"warnings": list(warnings)}),
         "folder": str(folder),
         "files": [file for file in request.files if file not in failures],
-        "unwritten": {file: _sentence(folder / file, error) for file, error in failures.items()},
+        "unwritten": {file: _failure_sentence(folder / file, error) for file, error in failures.items()},
         "picture": drawn,
         "seconds": seconds,
     }
     for file in summaries:
-        with _collecting_failures(failures, file):
-            write_summary(summary, _with_folder(folder / file))
-    lost = {file: _sentence(folder / file, error) for file, error in failures.items()}
+        with _collect_failures(failures, file):
+            write_summary(summary, _create_folder(folder / file))
+    lost = {file: _failure_sentence(folder / file, error) for file, error in failures.items()}
     files = [file for file in summary["files"] if file not in failures]
     return WrittenResults({**summary, "files": files, "unwritten": lost}, failures)
 
 
 @contextmanager
-def _collecting_failures(failures: dict[str, Exception], file: str) -> Iterator[None]:
-    """Catch an exception of the block, and put it into ``failures`` under the name ``file``."""
+def _collect_failures(failures: dict[str, Exception], file: str) -> Iterator[None]:
+    """Catch an exception of the block, and put it into ``failures``, in place, under the name ``file``."""
     try:
         yield
     except Exception as error:
         failures[file] = error
 
 
-def _sentence(file: Path, error: Exception) -> str:
+def _failure_sentence(file: Path, error: Exception) -> str:
     """Return the sentence that explains why a file could not be written because of ``error``."""
     if isinstance(error, MemoryError):
         return f"{file} cannot be written: memory ran out."
     return str(error) if isinstance(error, CpmkitError) else f"{file} cannot be written: {type(error).__name__}."
 
 
-def _vertices_of(file: str, request: OutputRequest) -> str:
-    """Return "own" or "display", the mesh in ``file``: by suffix that of ``request.vertices``, or the latter."""
+def _mesh_choice(file: str, request: OutputRequest) -> str:
+    """Return the mesh of ``file``: ``request.vertices``, "own" or "display", for formats of meshes, else "display"."""
     return request.vertices if Path(file).suffix.lower() in MESH_WRITERS else VERTICES[0]
 
 
-def _with_folder(path: Path) -> Path:
+def _create_folder(path: Path) -> Path:
     """Create the folder of ``path``, and return ``path``; raise InputError if the system refuses."""
     with explain_system_error(f"The folder {path.parent} cannot be made"):
         path.parent.mkdir(parents=True, exist_ok=True)

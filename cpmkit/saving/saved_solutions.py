@@ -141,24 +141,24 @@ def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None
     """
     described = json.loads(json.dumps(describe_scene(scene)))
     if "edge" not in saved:
-        saved, described = _kinds(saved), _kinds(described)
+        saved, described = _scene_kinds(saved), _scene_kinds(described)
     for key in ("problem", "boundaries", "edge"):
         if saved.get(key) != described.get(key):
-            raise other_scene_error(path, f"its {_difference(key, saved[key], described[key])}")
+            raise other_scene_error(path, f"its {_difference_text(key, saved[key], described[key])}")
 
 
-def _difference(place: str, saved: Any, described: Any) -> str:
-    """Return the text on the first difference of ``saved`` and ``described``: its place, after ``place``, and both."""
+def _difference_text(place: str, saved: Any, described: Any) -> str:
+    """Return the text on the first difference of two JSON values: its path, which begins with ``place``, and both."""
     if type(saved) is type(described) is dict and saved.keys() == described.keys():
         key = next(key for key in saved if saved[key] != described[key])
-        return _difference(f"{place}, {key}", saved[key], described[key])
+        return _difference_text(f"{place}, {key}", saved[key], described[key])
     if type(saved) is type(described) is list and len(saved) == len(described):
         number = next(number for number, pair in enumerate(zip(saved, described, strict=True)) if pair[0] != pair[1])
-        return _difference(f"{place}, number {number + 1}", saved[number], described[number])
+        return _difference_text(f"{place}, number {number + 1}", saved[number], described[number])
     return f"{place}: {shown(saved)}, and here it is {shown(described)}"
 
 
-def _kinds(scene: Mapping[str, Any]) -> dict[str, Any]:
+def _scene_kinds(scene: Mapping[str, Any]) -> dict[str, Any]:
     """Return the equation's kind, and lists [name, kinds of left and right condition] of boundaries, of a scene."""
     kinds = [
         [boundary["name"], *(boundary[side].split()[0] for side in SIDES if side in boundary)]
@@ -216,7 +216,7 @@ def save(
     if options and suffix not in (*FILMS, PAGE):
         raise InputError(f"{', '.join(options)} are options of films and pages, and {path.name!r} is neither.")
     if suffix == ".pvd":
-        return save_series(solution, path)
+        return save_frames(solution, path)
     if suffix == ".json":
         return write_summary(solution.summary(), path)
     if suffix in FILMS:
@@ -286,7 +286,7 @@ def _known_error(solution: SolutionRecord) -> Floats | None:
     return solution.estimated.on_mesh(solution.display_mesh()) if solution.estimated else None
 
 
-def save_series(solution: SolutionRecord, path: Path) -> None:
+def save_frames(solution: SolutionRecord, path: Path) -> None:
     """Write the frames of a problem in time: a .pvd index ``path``, and .vtp files in ``<name>_frames`` beside it.
 
     All frames are written before the first one is moved to its place, and the index is written last, so that all files

@@ -26,16 +26,16 @@ class Bar:
     label: str  #: The text beside the bar.
 
     def colours(self, values: Floats) -> Floats:
-        """Return the colours (n, 3) of values (n,)."""
+        """Return the colours (n, 3), from 0 to 1, of values (n,)."""
         return np.asarray(self.table[np.round((len(self.table) - 1) * self.shares(values)).astype(np.int64)])
 
-    def contrasting(self, values: Floats) -> Floats:
+    def ink_colours(self, values: Floats) -> Floats:
         """Return colours (n, 3), dark grey on bright colours of values (n,) and light grey on dark ones."""
         luminance = self.colours(values) @ np.array((0.3, 0.59, 0.11))
         return np.where(luminance[:, None] > 0.25, INK, np.array((0.9, 0.9, 0.9)))
 
     def shares(self, values: Floats) -> Floats:
-        """Return the places (n,) of values (n,) on the bar, from 0 to 1."""
+        """Return the places of values of any shape on the bar: 0 at or below its first end, 1 at or above the last."""
         return np.asarray(np.clip((values - self.ends[0]) / (self.ends[1] - self.ends[0]), 0, 1))
 
 
@@ -44,8 +44,8 @@ def make_bar(
 ) -> Bar:
     """Return the colour bar from the least to the greatest of ``values`` or between ``clim``, wider if these are equal.
 
-    Raises InputError if matplotlib has no colour map of that name. Raises MissingDependencyError if matplotlib is not
-    installed. ``label`` and ``unit`` are the text beside the bar.
+    ``cmap`` is a colour map of matplotlib; ``label`` and ``unit`` are the text beside the bar. Raises InputError if
+    there is no such colour map, and MissingDependencyError without matplotlib.
     """
     ends = np.array([values.min(), values.max()] if clim is None else clim, dtype=np.float64)
     size = float(np.abs(ends).max())
@@ -73,8 +73,8 @@ LETTER_BREADTH = 0.6
 def letter_size(width: int, share: float) -> float:
     """Return the size of letters in pixels in a picture of ``width`` pixels.
 
-    ``share`` is the share of the width that the colour bar takes in large pictures. Letters are legible down to about
-    10 pixels; in narrow pictures they and the bar therefore take more of the width, up to 0.35 of it.
+    ``share`` is the share of the width that the colour bar takes in large pictures. In narrow pictures letters have 10
+    pixels, to be legible, so that they and the bar take more of the width, up to 0.35 of it.
     """
     return max(LETTER_SIZE * width, min(LEAST_LETTER, LETTER_SIZE * width * 0.35 / share))
 
@@ -90,18 +90,18 @@ def model_width(width: int, bar: bool, label: str) -> int:
     return width - round(share * letter_size(width, share) / LETTER_SIZE) if bar else width
 
 
-def compose(model: Floats, bar: Bar | None, title: str, width: int) -> Any:
+def compose_picture(model: Floats, bar: Bar | None, title: str, width: int) -> Any:
     """Return the picture (rows, width, 3) uint8: the model (r, c, 3), from 0 to 1, and, if any, title and bar."""
     parts = [as_bytes(model)]
     if bar is not None:
         letters = letter_size(width, bar_share(bar.label))
-        parts.append(_bar(bar, len(model), width - model.shape[1], letters))
+        parts.append(_draw_bar(bar, len(model), width - model.shape[1], letters))
     whole = np.concatenate(parts, axis=1)
     return np.concatenate([title_strip(title, whole.shape[1], width), whole]) if title else whole
 
 
 def picture_sheet(tiles: Sequence[Floats], titles: Sequence[str], columns: int) -> Floats:
-    """Return a sheet (r, c, 3), from 0 to 1, of ``tiles`` of equal shape in ``columns``, each under its title."""
+    """Return a sheet (r, c, 3), from 0 to 1, of equal ``tiles``, row by row in ``columns``, each under its title."""
     width = tiles[0].shape[1]
     cells = [
         np.concatenate([title_strip(title, width, 2 * width) / 255, tile])
@@ -113,38 +113,38 @@ def picture_sheet(tiles: Sequence[Floats], titles: Sequence[str], columns: int) 
 
 
 def title_strip(title: str, columns: int, width: int) -> Any:
-    """Return a white strip (r, columns, 3) uint8 with a title, in letters for a picture of ``width`` pixels."""
+    """Return a strip (r, columns, 3) uint8 with a title, not empty, in letters for a picture of ``width`` pixels."""
     letters = max(LETTER_SIZE * width, LEAST_LETTER)
-    figure = _figure(round(3.575 * letters), columns)
+    figure = _pixel_figure(round(3.575 * letters), columns)
     size = min(1.3 * letters, columns / (LETTER_BREADTH * len(title)))
     figure.text(0.5, 0.45, title, ha="center", va="center", fontsize=size)
-    return _drawn_bytes(figure)
+    return _render_figure(figure)
 
 
 @lru_cache(maxsize=1)
-def _bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
+def _draw_bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
     """Return a colour bar with ticks and label as uint8 (rows, columns, 3); ``letters`` is their size in pixels."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
-    figure = _figure(rows, columns)
+    figure = _pixel_figure(rows, columns)
     column = figure.add_axes((0.1, 0.12, 0.12 if bar.label else 0.16, 0.76))
     figure.colorbar(ScalarMappable(Normalize(*bar.ends), ListedColormap(bar.table)), cax=column)
     column.tick_params(labelsize=letters)
     column.yaxis.get_offset_text().set_fontsize(letters)
     if bar.label:
         column.set_ylabel(bar.label, fontsize=min(1.1 * letters, rows / (LETTER_BREADTH * len(bar.label))))
-    return _drawn_bytes(figure)
+    return _render_figure(figure)
 
 
-def _figure(rows: int, columns: int) -> Any:
+def _pixel_figure(rows: int, columns: int) -> Any:
     """Return a white figure of ``rows`` by ``columns`` pixels; a pixel is a point, the unit of sizes of letters."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(columns / 72, rows / 72), dpi=72, facecolor="white")
 
 
-def _drawn_bytes(figure: Any) -> Any:
+def _render_figure(figure: Any) -> Any:
     """Return a figure of matplotlib, rendered, as uint8 (rows, columns, 3)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 

@@ -50,7 +50,7 @@ def make_camera(points: Floats, more: Floats, width: int, look: Look) -> Camera:
     """
     if points.shape[1] == 2:
         points = np.pad(points, ((0, 0), (0, 1)))
-        axes, description = axes_of((0.0, 0.0, 1.0), "y"), "the plane from above"
+        axes, description = camera_axes((0.0, 0.0, 1.0), "y"), "the plane from above"
     else:
         up, guessed = look.up, ""
         if up is None:  # y if the model stands on its lowest y and less stably on its lowest z, else z
@@ -59,7 +59,7 @@ def make_camera(points: Floats, more: Floats, width: int, look: Look) -> Camera:
             if look.view is not None and abs(_unit(look.view, "view")["xyz".index(up)]) > 0.999:  # from above or below
                 up = "z" if up == "y" else "y"
             guessed = ", on which the model stands" if up == "y" else ""
-        axes = axes_of(look.view, up)
+        axes = camera_axes(look.view, up)
         description = f"seen from {_as_text(axes[2])}, {up if isinstance(up, str) else _as_text(up)} up{guessed}"
     projected = np.concatenate([points, more]) @ axes.T
     low, high = projected.min(axis=0), projected.max(axis=0)
@@ -93,7 +93,7 @@ def stability(points: Floats, axis: int) -> float:
     return float(-(sides[:, :2] @ flat.mean(axis=0) + sides[:, 2]).max() / breadth)
 
 
-def axes_of(view: Any, up: Any) -> Floats:
+def camera_axes(view: Any, up: Any) -> Floats:
     """Return the axes (3, 3) of a camera: rows to the right, up, and towards the viewer.
 
     ``view`` (3,) points from the model to the camera; None: from the front, right and above, where the front of a model
@@ -112,7 +112,7 @@ def axes_of(view: Any, up: Any) -> Floats:
 
 
 def _as_text(vector: Sequence[float] | Floats) -> str:
-    """Return a vector in words, with two digits."""
+    """Return a vector as the text "(x, y, z)", with two digits."""
     return "(" + ", ".join(f"{entry:.2g}" for entry in vector) + ")"
 
 
@@ -136,7 +136,7 @@ class Shapes:
 
     @classmethod
     def join(cls, parts: list[Shapes]) -> Shapes:
-        """Return all vertices and triangles of ``parts`` as one object; it is empty for no parts."""
+        """Return all vertices and triangles of ``parts``, in their order, as one object; it is empty for no parts."""
         parts = [cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)), *parts]
         starts = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
         return cls(
@@ -146,10 +146,10 @@ class Shapes:
         )
 
 
-def lines(camera: Camera, segments: Floats, width: float, colour: Any, lift: float = LIFT) -> Shapes:
-    """Return ``segments`` (s, 2, 3) as rectangles of one colour (3,) or of colours (s, 3), moved towards the viewer.
+def line_shapes(camera: Camera, segments: Floats, width: float, colour: Any, lift: float = LIFT) -> Shapes:
+    """Return ``segments`` (s, 2, 3), in the camera's axes, as rectangles of ``colour``, (3,) or (s, 3).
 
-    ``width``, which is half the width of a line, and the displacement ``lift`` are shares of the picture's half width.
+    ``width``, half that of a line, and ``lift``, the shift towards the viewer, are shares of the picture's half width.
     """
     points, triangles = ribbons(segments[:, 0], segments[:, 1], width * camera.half[0])
     colours = np.broadcast_to(np.asarray(colour, dtype=np.float64), (len(segments), 3))
@@ -226,12 +226,12 @@ class Drawing:
     ink: Shapes  #: The boundaries and, if requested, ties and points at doubled nodes.
 
 
-def draw(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, lit: bool) -> Drawing:
-    """Return a drawing, ``width`` pixels wide, as ``look`` requests; triangles with normals are shaded if ``lit``."""
+def draw_mesh(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, lit: bool) -> Drawing:
+    """Return a drawing, ``width`` pixels wide, with boundaries, not edges; it is shaded if ``lit`` and with normals."""
     camera, curves, pins = fit_camera(solution, mesh, look, width)
     half = camera.half[0]
     normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals @ camera.axes.T
-    place = camera.project(in_space(mesh.points))
+    place = camera.project(points_in_space(mesh.points))
     facing = normals[mesh.dots] if len(normals) else np.zeros((len(mesh.dots), 3))
     radii = disc_radii(mesh.points[mesh.dots], solution.spacing, STROKE_RADIUS * half, PIN_RADIUS * half)
     rims, fans = discs(place[mesh.dots], facing, radii)
@@ -239,7 +239,7 @@ def draw(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, li
     rounds, cells = discs(camera.project(pins), np.zeros_like(pins), np.full(len(pins), PIN_RADIUS * half), 24)
     dots = Shapes(rounds + [0, 0, PIN_RADIUS * half], np.tile(INK, (len(rounds), 1)), cells)
     # Curves are lifted, since the surface is flat between its vertices.
-    ink = [lines(camera, camera.project(curves), 0.0045, INK, lift=0.009), dots]
+    ink = [line_shapes(camera, camera.project(curves), 0.0045, INK, lift=0.009), dots]
     added, ends = (np.repeat(facing, DISC_CORNERS, axis=0), np.zeros_like(strokes)), np.repeat(mesh.segments.ravel(), 2)
     return Drawing(
         camera=camera,
@@ -253,26 +253,26 @@ def draw(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, li
     )
 
 
-def in_space(points: Floats) -> Floats:
+def points_in_space(points: Floats) -> Floats:
     """Return points (n, 2) of the plane as (n, 3) with z = 0, and points (n, 3) unchanged."""
     return points if points.shape[1] == 3 else np.pad(points, ((0, 0), (0, 1)))
 
 
 def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int) -> tuple[Camera, Floats, Floats]:
-    """Return the camera, and segments (s, 2, 3) and points (k, 3) of the boundaries, ties and twins of ``look``."""
+    """Return the camera; segments (s, 2, 3), points (k, 3) in space of the boundaries, ties and twins of ``look``."""
     curves, pins = [np.zeros((0, 2, 3))], [np.zeros((0, 3))]
     for boundary in solution.scene.boundaries if look.curves else ():
         if isinstance(boundary.source, HasMesh):
             vertices, cells = boundary.source.mesh(solution.spacing)
             if cells.shape[1] == 2:
-                curves.append(in_space(vertices)[cells])
+                curves.append(points_in_space(vertices)[cells])
             elif cells.shape[1] == 1:
-                pins.append(in_space(vertices))
+                pins.append(points_in_space(vertices))
     if look.twins:
-        pins.append(in_space(solution.doubled))
+        pins.append(points_in_space(solution.doubled))
     if look.ties:
         ends = solution.ties
-        places = in_space(ends.reshape(-1, ends.shape[2]))
+        places = points_in_space(ends.reshape(-1, ends.shape[2]))
         if ends.shape[1] == 2:
             curves.append(places.reshape(-1, 2, 3))
         else:
@@ -283,7 +283,7 @@ def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: i
 
 
 def outlines(drawing: Drawing) -> Shapes:
-    """Return the silhouette: edges between a triangle whose front is visible and a triangle whose back is visible.
+    """Return the silhouette: lines on edges between a triangle that shows its front and a triangle that shows its back.
 
     Front and back follow from the order of corners; two triangles that list their common edge in the same direction
     have opposite orientations.
@@ -296,13 +296,13 @@ def outlines(drawing: Drawing) -> Shapes:
     rising = np.roll(triangles, -1, axis=1) < np.roll(triangles, -2, axis=1)  # of the side opposite to each corner
     alike = np.bincount(sides, (front[:, None] == rising).ravel(), len(edges.ends))  # 1: both show the same side
     turning = (np.bincount(sides, minlength=len(edges.ends)) == 2) & (alike != 1)
-    return lines(drawing.camera, drawing.points[edges.ends[turning]], 0.0016, INK, lift=0.25 * LIFT)
+    return line_shapes(drawing.camera, drawing.points[edges.ends[turning]], 0.0016, INK, lift=0.25 * LIFT)
 
 
 def mesh_edges(drawing: Drawing) -> Shapes:
-    """Return all edges of the drawing's mesh triangles as grey lines, rectangles in the camera's axes."""
+    """Return all edges of the drawing's mesh triangles as grey lines, in the camera's axes."""
     edges = Connectivity(drawing.triangles[: drawing.mesh_triangles], len(drawing.points)).edges.ends
-    return lines(drawing.camera, drawing.points[edges], 0.0008, (0.35, 0.35, 0.38))
+    return line_shapes(drawing.camera, drawing.points[edges], 0.0008, (0.35, 0.35, 0.38))
 
 
 def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar) -> Shapes:
@@ -319,12 +319,12 @@ def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar
         shares = [(level - values[tip]) / (values[end] - values[tip]) for end in ends]
         crossings = [points[tip] + s[:, None] * (points[e] - points[tip]) for s, e in zip(shares, ends, strict=True)]
         segments_of_level.append(np.stack(crossings, axis=1))
-    colours = np.repeat(bar.contrasting(np.array([0.0, *levels])), [len(part) for part in segments_of_level], axis=0)
-    return lines(drawing.camera, np.concatenate(segments_of_level), 0.002, colours)
+    colours = np.repeat(bar.ink_colours(np.array([0.0, *levels])), [len(part) for part in segments_of_level], axis=0)
+    return line_shapes(drawing.camera, np.concatenate(segments_of_level), 0.002, colours)
 
 
 def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Shapes:
-    """Return arrows along ``vectors`` (v, d) at vertices of the mesh, one in each cell of a grid 26 cells wide.
+    """Return arrows along ``vectors`` (v, d), centred at vertices of the mesh, one per cell of a grid 26 cells wide.
 
     Short vectors have arrows of a least length, so that they are visible, and zero vectors none; arrows contrast with
     the colours of ``bar``, which show the lengths.
@@ -338,9 +338,9 @@ def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Sh
         return Shapes.join([])
     lengths = 0.9 * cell * (0.45 + 0.55 * sizes[seeds] / sizes.max())
     along = 0.5 * (lengths / sizes[seeds])[:, None] * vectors[seeds]
-    starts, ends = (drawing.camera.project(in_space(mesh.points[seeds] + sign * along)) for sign in (-1, 1))
-    colours = bar.contrasting(sizes[seeds])
-    shafts = lines(drawing.camera, np.stack([starts, ends], axis=1), 0.0022, colours)
+    starts, ends = (drawing.camera.project(points_in_space(mesh.points[seeds] + sign * along)) for sign in (-1, 1))
+    colours = bar.ink_colours(sizes[seeds])
+    shafts = line_shapes(drawing.camera, np.stack([starts, ends], axis=1), 0.0022, colours)
     ahead = 0.35 * lengths[:, None] * unit(ends - starts)
     across = 0.4 * np.column_stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))])
     heads = np.stack([ends + 0.4 * ahead, ends - 0.6 * ahead + across, ends - 0.6 * ahead - across], axis=1)

@@ -21,8 +21,8 @@ from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
-from cpmkit.view.colours import Bar, compose, make_bar, model_width, picture_sheet
-from cpmkit.view.drawing import Drawing, Shapes, arrows, axes_of, draw, isolines, mesh_edges, outlines
+from cpmkit.view.colours import Bar, compose_picture, make_bar, model_width, picture_sheet
+from cpmkit.view.drawing import Drawing, Shapes, arrows, camera_axes, draw_mesh, isolines, mesh_edges, outlines
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def check_look(look: Look) -> None:
     if find_spec("matplotlib") is None:
         raise MissingDependencyError(f"Pictures need matplotlib; {install_command('view')} adds it.")
     if look.view is not None or look.up is not None:
-        axes_of(look.view, look.up)
+        camera_axes(look.view, look.up)
     make_bar(np.zeros(1), None, look.cmap)
 
 
@@ -93,24 +93,24 @@ def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
     if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
         bar, columns, plain = mode_bar(mesh, look), min(3, solution.channels), replace(look, vectors=False)
         drawing = make_drawing(solution, mesh, look, bar, columns)
-        tiles = [shade(drawing, mesh, mesh.values[:, k : k + 1], bar, plain) for k in range(solution.channels)]
+        tiles = [render_values(drawing, mesh, mesh.values[:, k : k + 1], bar, plain) for k in range(solution.channels)]
         image = picture_sheet(tiles, solution.titles, columns)
     else:
         values, bar = shown_values(solution, mesh, look)
         drawing = make_drawing(solution, mesh, look, bar)
-        image = shade(drawing, mesh, values, bar, look)
-    return compose(image, bar, look.title, look.width), drawing.camera.description
+        image = render_values(drawing, mesh, values, bar, look)
+    return compose_picture(image, bar, look.title, look.width), drawing.camera.description
 
 
 def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None, columns: int = 1) -> Drawing:
     """Return the drawing of a mesh with the lines that do not depend on values, for one of several ``columns``.
 
-    ``bar`` is the colour bar beside it, None if there is none. It is shaded if ``look.light`` is "shaded", or None and
-    there is no bar; else it has outlines.
+    ``bar`` is the colour bar beside it, or None. The drawing is shaded if ``look.light`` is "shaded", or None and there
+    is no bar; else it has outlines.
     """
     lit = look.light == "shaded" or (look.light is None and bar is None)
     width = model_width(look.width, bar is not None, bar.label if bar else "")
-    drawn = draw(solution, mesh, look, width // columns, lit)
+    drawn = draw_mesh(solution, mesh, look, width // columns, lit)
     ink = [drawn.ink, *([] if drawn.lit else [outlines(drawn)]), *([mesh_edges(drawn)] if look.edges else [])]
     return replace(drawn, ink=Shapes.join(ink))
 
@@ -125,7 +125,7 @@ def mode_bar(mesh: DisplayMesh, look: Look) -> Bar:
 def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
     """Return values (v, 1) at the mesh's vertices and their colour bar, or colours (v, 3) and None.
 
-    The values are of the channel, the length of vectors or the error that ``look`` selects. Raises InputError as
+    Values are the channel, the length of vectors or the error that ``look`` selects. Raises InputError as
     :func:`check_channels` does, and CpmkitError if a requested error cannot be estimated.
     """
     values, label, count = mesh.values, look.label, mesh.values.shape[1]
@@ -143,16 +143,16 @@ def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tup
     return values, make_bar(values, look.clim, look.cmap, label, look.unit)
 
 
-def shade(drawing: Drawing, mesh: DisplayMesh, values: Floats, bar: Bar | None, look: Look) -> Floats:
-    """Return the image (rows, columns, 3), from 0 to 1, with ``values`` (v, 1), or colours (v, 3) if no bar."""
-    from cpmkit.view.raster import pixels  # numba is imported here
+def render_values(drawing: Drawing, mesh: DisplayMesh, values: Floats, bar: Bar | None, look: Look) -> Floats:
+    """Return the drawing as an image (r, c, 3), from 0 to 1, with ``values`` (v, 1), or colours (v, 3) if no bar."""
+    from cpmkit.view.raster import rasterize_drawing  # numba is imported here
 
     ink = [drawing.ink]
     if look.isolines and bar is not None:
         ink.append(isolines(drawing, values[:, 0], look.levels(bar.ends.tolist()), bar))
     if look.vectors and bar is not None:
         ink.append(arrows(drawing, mesh, mesh.values, bar))
-    return pixels(drawing, values, bar, Shapes.join(ink))
+    return rasterize_drawing(drawing, values, bar, Shapes.join(ink))
 
 
 def check_channels(look: Look, channels: int, dim: int) -> None:
@@ -230,7 +230,7 @@ def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
     for frame, mesh in zip(frames, meshes, strict=True):
         values, _ = shown_values(frame, mesh, look)
         title = f"{look.title}, t = {frame.time:.4g}" if look.title else f"t = {frame.time:.4g}"
-        yield compose(shade(drawing, mesh, values, bar, look), bar, title, look.width)
+        yield compose_picture(render_values(drawing, mesh, values, bar, look), bar, title, look.width)
 
 
 def _write_gif(images: Iterator[Any], path: Path, fps: float) -> None:

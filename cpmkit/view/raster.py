@@ -96,7 +96,7 @@ LIGHT = np.array((-0.35, 0.5, 1.0)) / np.linalg.norm((-0.35, 0.5, 1.0))
 SAMPLES = 3
 
 
-def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Floats:
+def rasterize_drawing(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Floats:
     """Return the picture (rows, columns, 3), from 0 to 1, of a drawing with ``values`` at the mesh's vertices.
 
     ``values`` (v, 1): on the scale of ``bar``; or, if it is None, (v, 3): colours from 0 to 1.
@@ -119,7 +119,7 @@ def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Fl
     corners, over = (points * [scale, -scale, scale] + origin for points in (drawing.points, ink.points))
     picture = np.empty((rows // SAMPLES, columns // SAMPLES, 3))
 
-    def strip(start: int, stop: int) -> None:
+    def fill_rows(start: int, stop: int) -> None:
         """Fill the rows from ``start`` to ``stop`` of the picture, each pixel with the mean of its samples."""
         shape = (SAMPLES * (stop - start), columns)
         depth, image = np.full(shape, -np.inf), np.ones((*shape, 3))
@@ -130,5 +130,5 @@ def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Fl
         rasterize_triangles(over, ink.triangles, ink.colours, table, none, none, LIGHT, AMBIENT, first, depth, image)
         picture[start:stop] = image.reshape(stop - start, SAMPLES, -1, SAMPLES, 3).mean(axis=(1, 3))
 
-    run_parcels(strip, len(picture), 48)
+    run_parcels(fill_rows, len(picture), 48)
     return picture

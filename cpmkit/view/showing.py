@@ -25,7 +25,7 @@ from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 from cpmkit.view.colours import Bar
-from cpmkit.view.drawing import fit_camera, in_space
+from cpmkit.view.drawing import fit_camera, points_in_space
 from cpmkit.view.pictures import check_look, mode_bar, picture, render, shown_values
 
 
@@ -39,7 +39,7 @@ def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
     check_look(look)
     mesh, fields, bar = _slider_fields(solution, look)
     camera, curves, pins = fit_camera(solution, mesh, look, 800)  # only the ratio of the width to the height matters
-    points, curves, pins = (each - camera.centre for each in (in_space(mesh.points), curves, pins))
+    points, curves, pins = (each - camera.centre for each in (points_in_space(mesh.points), curves, pins))
     every = np.concatenate([points, curves.reshape(-1, 3), pins])
     data = {
         "points": _as_base64(points, "<f4"),
@@ -52,7 +52,7 @@ def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
         "rgb": bar is None,
         "lit": look.light == "shaded" or (look.light is None and bar is None),
         "ends": [0, 1] if bar is None else bar.ends.tolist(),
-        "ticks": [] if bar is None else _ticks(bar),
+        "ticks": [] if bar is None else _bar_ticks(bar),
         "label": "" if bar is None else bar.label,
         "table": _as_base64(np.zeros((256, 3)) if bar is None else np.round(255 * bar.table), "u1"),
         "axes": camera.axes.tolist(),
@@ -83,7 +83,7 @@ def _fill_template(title: str, data: dict[str, Any]) -> str:
 
 
 def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
-    """Return the mesh, pairs (name, values (v,) or (v, 1), or colours (v, 3)) for the slider, and the bar or None."""
+    """Return the mesh, pairs (name, values (v,) or (v, 1), or colours (v, 3)), and the bar, None with colours."""
     if isinstance(solution, EigenRecord) and look.channel is None:
         mesh = solution.display_mesh()
         return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), mode_bar(mesh, look)
@@ -99,7 +99,7 @@ def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, l
     return mesh, [("", values)], bar
 
 
-def _ticks(bar: Bar) -> list[tuple[float, str]]:
+def _bar_ticks(bar: Bar) -> list[tuple[float, str]]:
     """Return about seven ticks of a colour bar, as pairs (place on the bar from 0 to 1, text)."""
     from matplotlib.ticker import MaxNLocator
 
@@ -131,7 +131,7 @@ class Page:
 def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
     """Show a solution as a page to turn and zoom: in a notebook below the cell, else in the browser; return the page.
 
-    Raises InputError if no browser can be opened; the message names the file of the page.
+    ``options`` are those of :func:`page_of`. Raises InputError as it does, and if no browser opens; the file remains.
     """
     html = page_of(solution, **options)
     shell = sys.modules.get("IPython")
@@ -146,7 +146,10 @@ def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
 
 
 def plot(solution: SolutionRecord, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
-    """Draw a solution on axes of matplotlib, by default those of a new figure, and return them."""
+    """Draw a solution on axes of matplotlib, by default of a new figure 900 pixels wide, and return them.
+
+    ``options`` are those of Look. Raises InputError if one is not accepted or the surface has no mesh.
+    """
     from matplotlib import pyplot
 
     look = Look.from_options({"width": 900, **options}, "a plot", ("axes",))
@@ -161,7 +164,7 @@ def plot(solution: SolutionRecord, axes: Any = None, **options: Unpack[LookKeywo
 
 
 def thumbnail(solution: SolutionRecord) -> bytes | None:
-    """Return a PNG picture of a solution as bytes; None if it cannot be drawn, or is too large to be drawn quickly."""
+    """Return a PNG picture of a solution as bytes; None if it cannot be drawn, or has above 200,000 unknowns."""
     if len(solution.values) > 200_000:
         return None
     try:

@@ -11,7 +11,7 @@ from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.plugin import DisplayMesh
 from cpmkit.scenefile.look import Look
 from cpmkit.view import picture
-from cpmkit.view.drawing import draw
+from cpmkit.view.drawing import draw_mesh
 
 matplotlib = pytest.importorskip("matplotlib")
 image = pytest.importorskip("matplotlib.image")
@@ -200,7 +200,7 @@ def cloud(points, normals=None, width=300, **look):
     numbers = np.arange(len(points))
     mesh = DisplayMesh(points, numbers[:, None], np.zeros((len(points), 1)), normals, len(points))
     solution = SimpleNamespace(scene=SimpleNamespace(boundaries=()), spacing=0.1)
-    drawing = draw(solution, mesh, Look(**look), width, False)
+    drawing = draw_mesh(solution, mesh, Look(**look), width, False)
     discs = drawing.points[len(points) :].reshape(len(points), -1, 3)
     radii = np.linalg.norm(discs - drawing.points[: len(points), None], axis=2)
     np.testing.assert_allclose(radii, np.repeat(radii[:, :1], radii.shape[1], axis=1))

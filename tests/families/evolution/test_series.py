@@ -112,7 +112,7 @@ def test_frames_are_drawn_in_the_same_colours(tmp_path, monkeypatch):
         bars.append((title, *bar.ends))
         return np.zeros((4, 4, 3), dtype=np.uint8)
 
-    monkeypatch.setattr("cpmkit.view.pictures.compose", composed)
+    monkeypatch.setattr("cpmkit.view.pictures.compose_picture", composed)
     solution = ck.solve(scene(heat(frames=2)), 0.2)
     files = draw_frames(solution, tmp_path / "u.png", Look(width=300))
     assert [file.name for file in files] == ["u-0000.png", "u-0001.png", "u-0002.png"]

@@ -9,7 +9,7 @@ from model_problems import order_of
 
 import cpmkit as ck
 from cpmkit.scenefile.look import Look
-from cpmkit.view.drawing import draw
+from cpmkit.view.drawing import draw_mesh
 
 pytestmark = pytest.mark.filterwarnings("ignore::cpmkit.CpmkitWarning")
 SHIFTS, BALL = (0.0, 0.37), trimesh.creation.icosphere(4)
@@ -143,7 +143,7 @@ def test_ties_are_shown():
     (part,) = [part for part in ck.explain(solution.scene, 0.1, dry_run=True).parts if part.name == "ties"]
     assert part.amount == f"{len(solution.ties)} facets"
     mesh = solution.display_mesh()
-    shown, bare = (draw(solution, mesh, Look(ties=ties), 400, False).ink.points for ties in (True, False))
+    shown, bare = (draw_mesh(solution, mesh, Look(ties=ties), 400, False).ink.points for ties in (True, False))
     assert len(shown) == 4 * len(solution.ties)
     assert not len(bare)
     corner = ck.Scene(ck.source("mesh.polyline", points=[[0, 0], [1, 0], [1, 1]]), ck.ScreenedPoisson("x"))

@@ -8,7 +8,7 @@ from thin_ellipsoid import odd_solution
 
 import cpmkit as ck
 from cpmkit.scenefile.look import Look
-from cpmkit.view.drawing import draw
+from cpmkit.view.drawing import draw_mesh
 
 SPACINGS = (0.05, 0.035, 0.025)
 
@@ -72,7 +72,7 @@ def test_a_picture_can_show_the_twins():
     on_either = np.abs(np.hypot(*solution.doubled.T)[:, None] - [1, 1.05]).min(axis=1)
     assert on_either.max() <= 1e-12
     mesh = solution.display_mesh()
-    shown, bare = (draw(solution, mesh, Look(twins=twins), 400, False).ink.points for twins in (True, False))
+    shown, bare = (draw_mesh(solution, mesh, Look(twins=twins), 400, False).ink.points for twins in (True, False))
     assert len(shown) == 24 * len(solution.doubled)
     assert not len(bare)
 
