@@ -17,7 +17,7 @@ from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
 from cpmkit.families.context import Checkpointing, DiscretizingKeywords, PreparingKeywords, SolvingKeywords
 from cpmkit.forms.choice import FORMS, cost_model, every_option, explain_memory_error, module_of, options_of
 from cpmkit.forms.contract import Discretized
-from cpmkit.forms.cost_model import CostModel, Explanation, Part, line_through, sides_in_words, solver_part
+from cpmkit.forms.cost_model import CostModel, Explanation, Part, fit_linear_cost, sides_in_words, solver_part
 from cpmkit.forms.options import AccuracyTarget, Options
 from cpmkit.grid.lattice import check_numbered, lattice_of
 from cpmkit.linear.solver_options import SolverOptions
@@ -277,5 +277,5 @@ def extrapolated_cost(
     except (ResolutionError, SceneError):
         return None
     coarse, finer = ((float(solution.discretized.size), cost) for solution, cost in pairs)
-    start, slope = line_through(coarse, finer)
+    start, slope = fit_linear_cost(coarse, finer)
     return start + slope * unknowns

@@ -15,7 +15,7 @@ import numpy as np
 from cpmkit.accuracy.adaptive_run import LEAST_RATIO, AdaptiveRun, TimedSolve
 from cpmkit.errors import CpmkitError, ResolutionError
 from cpmkit.forms.choice import cost_model
-from cpmkit.forms.cost_model import fitting_unknowns, growth_through, line_through
+from cpmkit.forms.cost_model import fit_linear_cost, fitting_unknowns, growth_through
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, unknowns_at_unit_spacing
 from cpmkit.manifold.local_source import largest_dim, localize
@@ -272,7 +272,7 @@ def _last_two(run: AdaptiveRun) -> tuple[TimedSolve, TimedSolve]:
 def _seconds_line(run: AdaptiveRun) -> tuple[float, float]:
     """Return a and b of the duration ``a + b unknowns`` in seconds, from the last two solves of different spacing."""
     coarse, fine = ((float(solve.unknowns), solve.seconds) for solve in _last_two(run))
-    return line_through(coarse, fine)
+    return fit_linear_cost(coarse, fine)
 
 
 def _most_unknowns_in_time(run: AdaptiveRun) -> float:

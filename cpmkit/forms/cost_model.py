@@ -182,7 +182,7 @@ class CostModel(ABC, Generic[Own]):
         """The scene's manifold as a local source, in the scene's coordinates."""
         return localize(self.scene.surface, np.zeros(self.scene.surface.dim))
 
-    def extrapolate(self, fine: Mapping[str, int], coarse: Mapping[str, int], spacing: float) -> dict[str, int]:
+    def extrapolate_counts(self, fine: Mapping[str, int], coarse: Mapping[str, int], spacing: float) -> dict[str, int]:
         """Return counts by name at the options' spacing, extrapolated from coarser ones; at least ``fine``.
 
         ``fine`` are the counts at ``spacing``, ``coarse`` those at twice that spacing.
@@ -237,7 +237,7 @@ def growth_through(fine: tuple[float, float], coarse: tuple[float, float], m: in
     return Growth(a, b, m) if a > 0 and b >= 0 else Growth(n * h**m, 0.0, m)
 
 
-def line_through(coarse: tuple[float, float], fine: tuple[float, float]) -> tuple[float, float]:
+def fit_linear_cost(coarse: tuple[float, float], fine: tuple[float, float]) -> tuple[float, float]:
     """Return the constant and the slope of a cost linear in the unknowns, from two pairs (unknowns, cost).
 
     The slope is at least half the cost per unknown of the pair ``fine``, as first solves also fill caches; the constant

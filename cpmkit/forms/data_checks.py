@@ -179,12 +179,12 @@ def balanced_solution(
     values = operator.shift * (means.T * ((indicator * load.toarray()).sum(axis=0) / measure)).T
     sizes = indicator.T @ np.abs(b) / measure[:, None]
     if operator.border not in _PIECES:
-        _PIECES[operator.border] = [_described_piece(form, on_piece) for on_piece in form.at_points(indicator).T > 0.5]
+        _PIECES[operator.border] = [_describe_piece(form, on_piece) for on_piece in form.at_points(indicator).T > 0.5]
     pieces = zip(values.tolist(), sizes.tolist(), _PIECES[operator.border], strict=True)
     return u, tuple(Imbalance("data", value=tuple(value), size=tuple(size), **piece) for value, size, piece in pieces)
 
 
-def _described_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
+def _describe_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
     """Return the fields explained, near and share of an imbalance on the piece with the points ``on_piece`` (p,).
 
     A piece without points has no place: its ``near`` is empty and its ``share`` 0.
@@ -209,7 +209,7 @@ class DataAtPoints(NamedTuple):
     points: Floats
 
 
-def unresolved_data(form: Discretized, conditions: Iterable[DataAtPoints], spacing: float | None = None) -> list[str]:
+def data_warnings(form: Discretized, conditions: Iterable[DataAtPoints], spacing: float | None = None) -> list[str]:
     """Return a list with a warning for each of a scene's data that varies within a spacing.
 
     ``form``: the form, at some of whose points the data of the equation are read.

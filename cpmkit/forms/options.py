@@ -63,7 +63,7 @@ def _positive_or_none(value: Any, label: str) -> float | None:
     return None if value is None else positive(value, label)
 
 
-def _tolerance(value: Any, label: str) -> float | None:
+def _check_tolerance(value: Any, label: str) -> float | None:
     """Return ``value``, called ``label`` in errors, as float if in (0, 1), or None; else raise an InputError."""
     if value is not None and positive(value, label) >= 1:
         raise InputError(
@@ -72,7 +72,7 @@ def _tolerance(value: Any, label: str) -> float | None:
     return None if value is None else float(value)
 
 
-def _estimate(value: Any, label: str) -> Any:
+def _check_estimate(value: Any, label: str) -> Any:
     """Return ``value``, called ``label`` in errors, if it is a bool, "tight" or None; else raise an InputError."""
     if value is not None and not isinstance(value, bool) and value != "tight":
         raise InputError(f"{label} must be True, False, 'tight' or None, got {shown(value)}.")
@@ -107,7 +107,7 @@ class AccuracyTarget(DeclaredOptions):
         None,
         "In place of a spacing: the largest error that the solution may have, as a share of its range; of eigenvalues, "
         "of each. The solves that led to the solution are in ``solution.solve_history``.",
-        _tolerance,
+        _check_tolerance,
     )
     norm: str = option(
         "rms",
@@ -132,7 +132,7 @@ class AccuracyTarget(DeclaredOptions):
         "Whether the error is estimated at once by a solve at twice the spacing (``True``), with a further one at the "
         "root of two times the spacing (``'tight'``), never (``False``), or when ``solution.error`` is first read "
         "(``None``).",
-        _estimate,
+        _check_estimate,
     )
 
     @property

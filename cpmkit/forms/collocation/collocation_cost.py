@@ -86,7 +86,7 @@ class CollocationCost(CostModel[CollocationOptions]):
             check_layout(layout, scene)
         else:
             layouts = [layout, *(build_layout(scene, replace(self.options, spacing=k * finest)) for k in (2, 4))]
-            counts = self.extrapolate(counts, _count_parts(layouts[1]), finest)
+            counts = self.extrapolate_counts(counts, _count_parts(layouts[1]), finest)
             counts["queries"] = self._expected_queries(layouts)
         progress("dry run", 1.0)
         unknowns = counts["unknowns"]

@@ -26,7 +26,7 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.read_points import Reader
 from cpmkit.forms.collocation.row_formula import BoundaryData, sum_of_data
 from cpmkit.forms.contract import Discretized
-from cpmkit.forms.data_checks import DataAtPoints, Imbalance, unresolved_data
+from cpmkit.forms.data_checks import DataAtPoints, Imbalance, data_warnings
 from cpmkit.forms.form_records import Diagnosis, FormTraits
 from cpmkit.forms.options import Options
 from cpmkit.linear.operators import Border, Bordered, Operator, Stiffness
@@ -241,7 +241,7 @@ class Collocation(Reader):
             if not datum.at_corners
         ]
         layout = layout_warnings(self.tables.layout, self.scene)
-        return (*self._joint_warnings, *layout, *unresolved_data(self, conditions))
+        return (*self._joint_warnings, *layout, *data_warnings(self, conditions))
 
     @cached_property
     def _joint_warnings(self) -> list[str]:

@@ -43,7 +43,7 @@ INSIDE_SHARE = 1e-6
 
 
 @compiled
-def advection_forms(
+def fill_advection_forms(
     forms: Floats,
     splines: Any,
     kind: int,
@@ -142,7 +142,7 @@ def add_advection(
                     g[axis] = gradient_of_a[q, axis]
             own, factor = a[q if len(a) > 1 else 0], c[q if len(c) > 1 else 0]
             decode_normals(directions[q], normals)
-            advection_forms(forms, splines, kind, t, v, g, normals, spacing, own, factor)
+            fill_advection_forms(forms, splines, kind, t, v, g, normals, spacing, own, factor)
             N, D, R = forms[:room], forms[room : 2 * room], forms[2 * room :]
             for i in range(width):
                 through = w * upstream[q] * D[i]
@@ -166,7 +166,7 @@ class Advection:
     gradient_of_a: Floats  #: (q, d) or (0, d): the gradient of a; empty where a is constant.
     conservative: bool  #: Whether the equation has div(v u) in place of v . grad u.
 
-    def add_to(self, matrix: SparseMatrix, stabilisation: Stabilisation) -> SparseMatrix:
+    def add_to_matrix(self, matrix: SparseMatrix, stabilisation: Stabilisation) -> SparseMatrix:
         """Return a stiffness ``matrix`` (n, n) plus the terms of the velocity and the ``stabilisation`` they need."""
         space, data = self.space, matrix.data.copy()
         speed = np.linalg.norm(self.velocity, axis=1)

@@ -110,7 +110,7 @@ class SampleCoefficients(PointReader):
         gradients = self.space.gradients_at_samples(state.u)[:, 0]
         return np.asarray(state.coefficient(values, gradients, self.points.copy()))
 
-    def beside_boundaries(self, state: StateDependentCoefficient) -> Callable[[Floats], Floats]:
+    def side_coefficient(self, state: StateDependentCoefficient) -> Callable[[Floats], Floats]:
         """Return a coefficient that depends on u as a function of ``points`` (b, d), one beside each boundary sample.
 
         u and its gradient are evaluated at the boundary samples.

@@ -148,7 +148,7 @@ class EquationAssembly:
             matrix = with_diagonal(matrix, space.spline_loads(c[:, None])[:, 0])
         advection = self._advection_of(terms)
         if advection is not None:
-            matrix = advection.add_to(matrix, space.stabilisation)
+            matrix = advection.add_to_matrix(matrix, space.stabilisation)
         matrix = space.extend_matrix(matrix, a, c)
         conditions = self.condition_terms(terms, a, scale)
         if conditions.conditions:
@@ -177,7 +177,7 @@ class EquationAssembly:
         if slope_rows:
             rows = np.concatenate(slope_rows)
             boundary = self.coefficients.sampled.boundary
-            w = self.coefficients.beside_boundaries(field)(self.coefficients.sampled.lattice.to_scene(boundary.points))
+            w = self.coefficients.side_coefficient(field)(self.coefficients.sampled.lattice.to_scene(boundary.points))
             through = boundary.weights * np.einsum("bd,bd->b", w, boundary.conormals)
             values = self.coefficients.boundary_rows[0][rows]
             matrix = (matrix - values.T @ (values * through[rows, None])).tocsr()
@@ -219,7 +219,7 @@ class EquationAssembly:
             if a.ndim == 3:
                 along = partial(space.spline_derivative_rows, patch, sampled.boundary.points)
         depends_on_u = isinstance(diffusivity, StateDependentCoefficient)
-        data = self.coefficients.beside_boundaries(diffusivity) if depends_on_u else diffusivity
+        data = self.coefficients.side_coefficient(diffusivity) if depends_on_u else diffusivity
         samples = sampled.boundary, sampled.left, self.coefficients.boundary_rows, space.spline_integrals
         spacings = space.spacing / space.dof_map.magnification(patch)
         made = condition_terms(self.conditions, *samples, data, logarithms, sampled.lattice, along, spacings)

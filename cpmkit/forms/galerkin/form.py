@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.contract import Discretized, spread_rows
-from cpmkit.forms.data_checks import DataAtPoints, unresolved_data
+from cpmkit.forms.data_checks import DataAtPoints, data_warnings
 from cpmkit.forms.form_records import Diagnosis, ExpectedError, FormTraits, StateFlux
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.boundary_sides import side_moments
@@ -282,7 +282,7 @@ class Galerkin(EquationAssembly, Discretized):
             *resolved,
             *(outflow_layer_warnings(self.terms_of_scene) if self.scene_advection is not None else ()),
             *self.resolution.tensor_layer_warnings(),
-            *unresolved_data(self, data, self.space.finest_spacing),
+            *data_warnings(self, data, self.space.finest_spacing),
         )
 
     def diagnosis(

@@ -85,7 +85,7 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
         if not exact:
             progress("dry run", 0.7)
             coarse = _counts(discretize(scene, replace(plain, spacing=2 * spacing)))
-            counts = self.extrapolate(counts, coarse, spacing)
+            counts = self.extrapolate_counts(counts, coarse, spacing)
         progress("dry run", 1.0)
         chosen = self.choose_solver(solver, counts["unknowns"])
         if self.factorised_part(chosen):  # the memory of other solvers was checked before

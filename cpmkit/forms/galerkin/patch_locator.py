@@ -149,7 +149,7 @@ class PatchLocator:
         rows = np.flatnonzero(self._is_beside_tie[self.dof_map.patch[samples]].any(axis=1))
         if len(rows):
             corners = self.mesh.vertices[self.mesh.cells[self.samples.cell_at(samples[rows])]]
-            scores[rows] += CELL_FACTOR**2 * _squares_to_cells(points[rows], corners)
+            scores[rows] += CELL_FACTOR**2 * _squared_distances_to_cells(points[rows], corners)
         shut = np.zeros(len(points), dtype=bool)
         if not self.boundaries or not len(points):
             return scores, shut
@@ -221,7 +221,7 @@ class PatchLocator:
         return cKDTree(self.samples.points, balanced_tree=False)
 
 
-def _squares_to_cells(points: Floats, corners: Floats) -> Floats:
+def _squared_distances_to_cells(points: Floats, corners: Floats) -> Floats:
     """Return the squared distances (k, q) of ``points`` (k, d) from flat cells with the ``corners`` (k, q, c, d)."""
     own = np.broadcast_to(points[:, None], (*corners.shape[:2], points.shape[1]))
     flat, cells = own.reshape(-1, points.shape[1]), corners.reshape(-1, *corners.shape[2:])

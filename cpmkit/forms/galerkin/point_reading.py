@@ -81,10 +81,10 @@ class PointReader:
 
     def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, n) that evaluates u on ``side`` at the points of the manifold nearest to ``points``."""
-        feet, patch, cells = self._located(points, side)
+        feet, patch, cells = self._locate_points(points, side)
         return self.space.value_rows(patch, feet.points, cells)
 
-    def _located(self, points: Any, side: Sides) -> tuple[ClosestPoints, Ints, Ints]:
+    def _locate_points(self, points: Any, side: Sides) -> tuple[ClosestPoints, Ints, Ints]:
         """Return the closest points of ``points`` (k, d), and the patches (k,) and mesh cells (k,) that they are in."""
         feet = self.closest_points(points)
         patch, nearest = self.locator.patches(feet, self.sides(side))
@@ -124,7 +124,7 @@ class PointReader:
         projection is cached for the last array ``u`` (n, channels). ``side`` is that of :func:`named_sides`.
         """
         space = self.space
-        feet, patch, cells = self._located(points, side)
+        feet, patch, cells = self._locate_points(points, side)
         rows = space.value_rows(patch, feet.points, cells)
         if self._last_gradient.get("u") is not u:
             at_samples = space.spline_gradients_at_samples(u)

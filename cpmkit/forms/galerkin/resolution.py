@@ -139,13 +139,13 @@ class Resolution:
             return np.inf
         c = float(self.coefficients.at_points(terms.c, "the factor c").max())
         if self.scene.has_tensor:
-            return self._tensor_layer(c) / self.spacing
+            return self._tensor_layer_width(c) / self.spacing
         if c <= 0 or all(isinstance(condition.law, Tie) for condition in self.conditions):
             return np.inf
         a = float(self.coefficients.at_points(terms.diffusivity, "the diffusivity").min())
         return float(np.sqrt(a / c) / self.spacing)
 
-    def _tensor_layer(self, c: float) -> float:
+    def _tensor_layer_width(self, c: float) -> float:
         """Return the width of the thinnest layer, in the scene's unit, for a tensor and the largest factor ``c``."""
         points = self.coefficients.points
         tensors = evaluate_diffusivity(self.scene.problem.terms().diffusivity, points, "the diffusivity")

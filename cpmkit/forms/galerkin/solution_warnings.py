@@ -48,7 +48,7 @@ def crossing_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[st
         where = lattice.to_scene(mesh.vertices[shared])
         first, second = (_values(scene, k, where) for k in pair)
         jump = max((_largest_magnitude(a - b) for a, b in product(first, second)), default=0.0)
-        if jump > DIFFERENT_SHARE * max(_scale(scene, mesh, lattice, k) for k in pair):
+        if jump > DIFFERENT_SHARE * max(_largest_datum(scene, mesh, lattice, k) for k in pair):
             jumps.append((pair, where[0], jump))
     if jumps:
         pair, where, jump = jumps[0]
@@ -76,7 +76,7 @@ def tip_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
         where = lattice.to_scene(mesh.vertices[tips])
         left, right = _values(scene, number, where)
         apart = np.abs(left - right).max(axis=1)
-        bad = np.flatnonzero(apart > DIFFERENT_SHARE * _scale(scene, mesh, lattice, number))
+        bad = np.flatnonzero(apart > DIFFERENT_SHARE * _largest_datum(scene, mesh, lattice, number))
         if len(bad):
             more = f" and at {len(bad) - 1} more ends" if len(bad) > 2 else " and at its other end" * (len(bad) - 1)
             yield (
@@ -100,7 +100,7 @@ def _vertices_of(mesh: Mesh, number: int) -> Ints:
     return np.unique(mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip])
 
 
-def _scale(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
+def _largest_datum(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
     """Return the largest magnitude, at the vertices of boundary ``number``, of the values given on it; else 0."""
     where = lattice.to_scene(mesh.vertices[_vertices_of(mesh, number)])
     return max(map(_largest_magnitude, _values(scene, number, where)), default=0.0)

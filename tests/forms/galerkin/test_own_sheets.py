@@ -111,7 +111,7 @@ def test_close_sheets_that_bend_are_distinguished_by_the_triangle_that_holds_a_p
     points = turned(
         (vertices[faces[on]] * np.random.default_rng(1).dirichlet(np.ones(3), 1000)[:, :, None]).sum(axis=1)
     )
-    found = label[cells[form.coefficients._located(points, None)[2], 0]]
+    found = label[cells[form.coefficients._locate_points(points, None)[2], 0]]
     upper = sides[faces[on, 0]] > 0
     assert len(set(found[upper])) == len(set(found[~upper])) == 1
     assert found[upper][0] != found[~upper][0]

@@ -236,11 +236,11 @@ def boundary_samples(
     )
     if not points:
         return samples
-    parts, names = (samples, _at_vertices(mesh, corners, points)), [field.name for field in fields(BoundarySamples)]
+    parts, names = (samples, _vertex_samples(mesh, corners, points)), [field.name for field in fields(BoundarySamples)]
     return BoundarySamples(*[np.concatenate([getattr(part, name) for part in parts]) for name in names])
 
 
-def _at_vertices(mesh: Mesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:
+def _vertex_samples(mesh: Mesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:
     """Return samples at vertices of a surface, each in the first of the triangles that meet there.
 
     ``points`` maps the number of a boundary to its vertices (k,); ``corners`` (m, 3) are the vertices of all cells

@@ -196,7 +196,7 @@ class OneSidedLimits:
 
         Functions are extrapolated from inside the side of each sample. Raises InputError if a value is not positive.
         """
-        return self._extrapolated(data, label)[0] if callable(data) else self._positive_values(data, 0.0, label)
+        return self._extrapolate_limits(data, label)[0] if callable(data) else self._positive_values(data, 0.0, label)
 
     def conormal_flux(self, tensors: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
         """Return the factor s and the direction that give the conormal flux b . A grad u of tensors A at the samples.
@@ -216,7 +216,7 @@ class OneSidedLimits:
         def mean(points: Floats) -> Floats:
             return mean_over_tangents(evaluate_diffusivity(tensors, points, label), normals)
 
-        value, along = self._extrapolated(mean, label)
+        value, along = self._extrapolate_limits(mean, label)
         step = np.where(along[:, None], *self._inward_steps)
         places = [self.lattice.to_scene(self.samples.points + k * step) for k in (1, 2)]
         near, far = (evaluate_diffusivity(tensors, at, label) / mean(at)[:, None, None] for at in places)
@@ -235,7 +235,7 @@ class OneSidedLimits:
         against = -READ_INSIDE_WIDTHS * self.widths[:, None] * samples.conormals
         return against, 0.5 * (samples.centres - samples.points)
 
-    def _extrapolated(self, data: Data, label: str) -> tuple[Floats, Bools]:
+    def _extrapolate_limits(self, data: Data, label: str) -> tuple[Floats, Bools]:
         """Return the limits (b,) of a positive function, and whether (b,) each was evaluated along the conormal.
 
         The logarithm of the function is evaluated at one and two steps against the conormal, and at one and two steps

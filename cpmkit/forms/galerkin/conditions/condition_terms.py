@@ -18,7 +18,7 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     StateFluxSamples,
     Tie,
     conditions_with_law,
-    joined,
+    join_values,
 )
 from cpmkit.forms.galerkin.conditions.nitsche import (
     interface_products,
@@ -165,41 +165,41 @@ class ConditionTerms:
     def _terms(self) -> list[AddedTerms]:
         """The terms of each kind of condition, and of advection; spectral and nonlinear laws add nothing here."""
         kinds: list[tuple[Callable[..., AddedTerms], Any]] = [
-            (self._one_sided, conditions_with_law(self.conditions, Value, Flux, Mixed)),
-            (self._interface, conditions_with_law(self.conditions, Interface)),
-            (self._ties, conditions_with_law(self.conditions, Tie)),
+            (self._one_sided_terms, conditions_with_law(self.conditions, Value, Flux, Mixed)),
+            (self._interface_terms, conditions_with_law(self.conditions, Interface)),
+            (self._tie_terms, conditions_with_law(self.conditions, Tie)),
         ]
         if self.outward_speed is not None:
             coupled = [each for each in conditions_with_law(self.conditions, Interface) if each.law.resistance == 0]
             kinds += [
-                (self._upwinding, conditions_with_law(self.conditions, Value)),
-                (self._upwinding, coupled),  # with a resistance u may jump, and nothing is added
+                (self._upwinding_terms, conditions_with_law(self.conditions, Value)),
+                (self._upwinding_terms, coupled),  # with a resistance u may jump, and nothing is added
             ]
         return [terms(conditions) for terms, conditions in kinds if conditions]
 
-    def _one_sided(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
+    def _one_sided_terms(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
         """Return the terms of ``conditions`` on one side of a boundary: values, fluxes and Robin conditions."""
         rows = np.concatenate([each.rows for each in conditions])
-        alpha = joined(conditions, lambda each: each.law.alpha)
-        beta = joined(conditions, lambda each: beta_at(each.law, self._scene_points(each), each.label))
+        alpha = join_values(conditions, lambda each: each.law.alpha)
+        beta = join_values(conditions, lambda each: beta_at(each.law, self._scene_points(each), each.label))
         widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # no width at points
         products, factors = one_sided_products(alpha, beta, self.a[rows], self.samples.weights[rows], widths)
         matrix = symmetric_sum([(self._forms(x, rows), self._forms(y, rows)) for x, y in products])
         return AddedTerms(matrix, self._forms(factors, rows).T.tocsr(), self._data(conditions, "datum"))
 
-    def _interface(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
+    def _interface_terms(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
         """Return the terms of ``conditions`` that couple the two sides of a boundary; data: jumps, then fluxes."""
         from scipy.sparse import vstack
 
         left, right = rows = [np.concatenate([each.sides[k] for each in conditions]) for k in range(2)]
         a, widths = [self.a[side] for side in rows], [self.widths[side] for side in rows]
-        resistance = joined(conditions, lambda each: each.law.resistance)
+        resistance = join_values(conditions, lambda each: each.law.resistance)
         products, factors = interface_products(a, widths, resistance, self.samples.weights[left])
         matrix = symmetric_sum([(self._forms(x, left, right), self._forms(y, left, right)) for x, y in products])
         load = vstack([self._forms(each, left, right) for each in factors]).T.tocsr()
         return AddedTerms(matrix, load, self._data(conditions, "jump") + self._data(conditions, "flux"))
 
-    def _ties(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
+    def _tie_terms(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
         """Return the terms of ``conditions`` of continuity, with upwinding where the equation has a velocity."""
         from scipy.sparse import csr_array
 
@@ -215,7 +215,7 @@ class ConditionTerms:
                     matrix += self._forms(tested, *each.sides).T.tocsr() @ self._forms(value, *each.sides)
         return AddedTerms(matrix.tocsr(), csr_array((n, 0)), [])
 
-    def _upwinding(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
+    def _upwinding_terms(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
         """Return the terms of advection at inflow where values are given, or across boundaries where u has a jump.
 
         The ``conditions`` are all values or all couplings; the jump, u on the left less u on the right, may be zero.

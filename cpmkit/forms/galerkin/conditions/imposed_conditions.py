@@ -80,7 +80,7 @@ def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) ->
     return [condition for condition in conditions if isinstance(condition.law, kinds)]
 
 
-def joined(conditions: Iterable[ImposedCondition], values: Callable[[ImposedCondition], Any]) -> Floats:
+def join_values(conditions: Iterable[ImposedCondition], values: Callable[[ImposedCondition], Any]) -> Floats:
     """Return ``values(each)``, a number or (k_i,), for each of the ``conditions`` at its k_i rows, concatenated."""
     return np.concatenate([np.broadcast_to(np.float64(values(each)), len(each.rows)) for each in conditions])
 
@@ -107,8 +107,11 @@ def imposed_conditions(
     ``surface``: the manifold relative to the lattice's origin, with the numbers of the loops of its rim.
     ``lattice``: the coordinates of samples are relative to its origin.
     """
-    conditions = [*_on_boundaries(scene, samples, left, lattice), *_on_rims(scene, samples, surface, lattice)]
-    conditions += ties(samples)
+    conditions = [
+        *_boundary_conditions(scene, samples, left, lattice),
+        *_rim_conditions(scene, samples, surface, lattice),
+    ]
+    conditions += tie_conditions(samples)
     for condition in conditions_with_law(conditions, Mixed):
         points = lattice.to_scene(samples.points[condition.rows])
         if not np.any(beta_at(condition.law, points, condition.label)):
@@ -119,7 +122,9 @@ def imposed_conditions(
     return tuple(conditions)
 
 
-def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice: Lattice) -> Iterator[ImposedCondition]:
+def _boundary_conditions(
+    scene: Scene, samples: BoundarySamples, left: Bools, lattice: Lattice
+) -> Iterator[ImposedCondition]:
     """Yield the conditions on boundaries with their samples; equal conditions on both sides are yielded as one.
 
     ``left`` (b,) is whether each sample is on the left. Boundaries without samples yield nothing. Raises SceneError if
@@ -178,7 +183,7 @@ def _covers_rims(samples: BoundarySamples) -> bool:
     return bool(np.any(np.bincount(pairs[:, 0]) == 1))
 
 
-def _on_rims(
+def _rim_conditions(
     scene: Scene, samples: BoundarySamples, surface: LocalSource, lattice: Lattice
 ) -> Iterator[ImposedCondition]:
     """Yield the conditions on the edge of the manifold with their samples, if :func:`needs_rims`.
@@ -218,7 +223,7 @@ def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) ->
     return np.asarray(loops, dtype=np.int64)
 
 
-def ties(samples: BoundarySamples) -> Iterator[ImposedCondition]:
+def tie_conditions(samples: BoundarySamples) -> Iterator[ImposedCondition]:
     """Yield the conditions of continuity at cut facets, one for each number of lips: the cells that meet at a facet."""
     rows = np.flatnonzero(samples.on_tie)
     key = POINTS_OF_EDGE * samples.facet[rows] + samples.place[rows]

@@ -50,24 +50,24 @@ class TipDisc:
     #: 0.
     sides: Ints
 
-    def plane(self, points: Floats) -> tuple[Floats, Floats]:
+    def coordinates(self, points: Floats) -> tuple[Floats, Floats]:
         """Return X, and Y less that of the parabola, of ``points`` (..., d): coordinates with a straight boundary."""
         apart = points - self.origin
         x = apart @ self.heading
         return x, apart @ self.leftward - 0.5 * self.curvature * x**2
 
     def distance(self, points: Floats) -> Floats:
-        """Return the distance r (...) of ``points`` (..., d) from the tip, in the coordinates of :meth:`plane`."""
-        return np.hypot(*self.plane(points))
+        """Return the distance r (...) of ``points`` (..., d) from the tip, in the plane of :meth:`coordinates`."""
+        return np.hypot(*self.coordinates(points))
 
-    def polar(self, points: Floats, sides: Ints) -> tuple[Floats, Floats]:
+    def polar_coordinates(self, points: Floats, sides: Ints) -> tuple[Floats, Floats]:
         """Return r and t (k,) of ``points`` (k, d) in cells on the ``sides`` (k,) of the boundary.
 
         t runs from -pi on the right of the boundary over 0 beyond the tip to pi on its left. ``sides`` are 1 on the
         left, -1 on the right and 0 ahead of the tip. A point across the boundary keeps the side of its cell, so that
         the size of t may exceed pi.
         """
-        x, y = self.plane(points)
+        x, y = self.coordinates(points)
         t = np.arctan2(y, x)
         t = np.where((sides > 0) & (t < -0.5 * np.pi), t + 2 * np.pi, t)
         return np.hypot(x, y), np.where((sides < 0) & (t > 0.5 * np.pi), t - 2 * np.pi, t)
@@ -93,7 +93,7 @@ class TipDiscFinder:
         owner[on_cut[own]] = self.mesh.owner[own]
         return owner
 
-    def around(self, tip: int, boundary: int) -> TipDisc:
+    def find_disc(self, tip: int, boundary: int) -> TipDisc:
         """Return the disc around the vertex ``tip``, an end of the boundary number ``boundary``."""
         frame = self._frame(tip, boundary)
         cells = np.flatnonzero(~self._is_tilted(frame))
@@ -103,7 +103,7 @@ class TipDiscFinder:
         owner = self._owner[edges]  # edges on the boundary of the tip itself do not end the disc
         ends = self.mesh.edges.ends[edges[(owner != boundary) & ((count == 1) | (owner >= 0))]]
         nearest = float(frame.distance(self.mesh.vertices[ends.ravel()]).min(initial=np.inf))
-        radius = RADIUS_SHARE * min(nearest, self._boundary_end(frame, boundary, tip))
+        radius = RADIUS_SHARE * min(nearest, self._boundary_end_distance(frame, boundary, tip))
         inside = np.sort(cells[frame.distance(self.mesh.vertices[self.mesh.cells[cells]]).min(axis=1) < radius])
         return replace(frame, radius=radius, cells=inside, sides=self._sides(frame, inside))
 
@@ -153,11 +153,11 @@ class TipDiscFinder:
         graph = coo_array((np.ones(len(row)), (row, len(cells) + edges[row, column])), shape=(size, size))
         return np.asarray(connected_components(graph, directed=False)[1][: len(cells)])
 
-    def _boundary_end(self, frame: TipDisc, boundary: int, tip: int) -> float:
+    def _boundary_end_distance(self, frame: TipDisc, boundary: int, tip: int) -> float:
         """Return the distance from a tip at which its boundary ends, turns back, or leaves its parabola; else inf."""
         own = self.mesh.cut[(self.mesh.owner == boundary) & ~self.mesh.beyond_tip]
         vertices, count = np.unique(own, return_counts=True)
-        x, y = frame.plane(self.mesh.vertices[vertices])
+        x, y = frame.coordinates(self.mesh.vertices[vertices])
         distance = np.hypot(x, y)
         off = (count != 2) | (x > 0) | (np.abs(y) > PARABOLA_SHARE * distance)
         off &= (vertices != tip) & ((count != 2) | (distance > AT_TIP_SPACINGS * self.spacing))
@@ -168,7 +168,7 @@ class TipDiscFinder:
 
         Each connected component behind the tip has the side on which most of its cells lie, 0 for equally many.
         """
-        x, y = frame.plane(self.mesh.vertices[self.mesh.cells[cells]].mean(axis=1))
+        x, y = frame.coordinates(self.mesh.vertices[self.mesh.cells[cells]].mean(axis=1))
         behind, sides = np.flatnonzero(x < 0), np.zeros(len(cells), dtype=np.int64)
         piece = self._pieces(cells[behind])
         votes = np.bincount(piece, np.sign(y[behind]), minlength=int(piece.max(initial=-1)) + 1)
@@ -222,7 +222,7 @@ class SingularFunction:
         around = rest**3 * r ** (power - 1) * self.frequency * np.cos(angle)
         by_x = along * np.cos(t) - around * np.sin(t)
         by_y = along * np.sin(t) + around * np.cos(t)
-        x = disc.plane(points[rows])[0]
+        x = disc.coordinates(points[rows])[0]
         by_x = by_x - disc.curvature * x * by_y
         return rows, by_x[:, None] * disc.heading + by_y[:, None] * disc.leftward
 
@@ -230,7 +230,7 @@ class SingularFunction:
         """Return the numbers (k,) of the ``points`` (q, d) inside the disc, and their coordinates r and t (k,)."""
         inside, sides = self.disc.side_of(cells)
         rows = np.flatnonzero(inside)
-        r, t = self.disc.polar(points[rows], sides[rows])
+        r, t = self.disc.polar_coordinates(points[rows], sides[rows])
         near = r < self.disc.radius
         return rows[near], r[near], t[near]
 
@@ -247,7 +247,7 @@ def singular_functions(
     narrow = []
     tips = [(number, tip) for number in np.unique(mesh.owner).tolist() for tip in ends_inside(mesh, number).tolist()]
     for number, tip in tips:
-        disc = finder.around(tip, number)
+        disc = finder.find_disc(tip, number)
         if disc.radius < LEAST_RADIUS_SPACINGS * lattice.spacing:
             narrow.append(disc)
             continue

@@ -34,7 +34,7 @@ from cpmkit.forms.galerkin.dof_map import DofMap, build_patches, dof_map_from_pa
 from cpmkit.forms.galerkin.options import Stabilisation
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among, shift_of
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
-from cpmkit.forms.galerkin.space.levels import two_scale, two_scale_shares
+from cpmkit.forms.galerkin.space.levels import two_scale_rows, two_scale_shares
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.linear.multigrid.solver import Level
@@ -104,7 +104,7 @@ def _finer_level(
     inside = coarse.subdivided[parent]
     fine = cells, dof_map.unknowns, dof_map.size
     coarser = coarse.dof_map.cells, coarse.dof_map.unknowns, two_scale_shares(dof_map.degree)
-    starts, columns, weights = two_scale(*fine, parent.astype(np.int64), *coarser)
+    starts, columns, weights = two_scale_rows(*fine, parent.astype(np.int64), *coarser)
     shape = dof_map.size, coarse.dof_map.size
     prolongation = csr_array((weights.astype(np.float64), columns, starts), shape=shape)
     return LevelSplines(dof_map, rows, inside, _is_subdivided(cells, inside, regions, number), prolongation)
@@ -132,7 +132,7 @@ def representations(levels: Sequence[LevelSplines], cap: int) -> list[SparseMatr
     return matrices
 
 
-def prolongation_to(levels: Sequence[LevelSplines], cap: int, coarser: SparseMatrix) -> SparseMatrix:
+def prolongation_to_level(levels: Sequence[LevelSplines], cap: int, coarser: SparseMatrix) -> SparseMatrix:
     """Return the prolongation from the space with the finest level ``cap - 1`` to that with the finest level ``cap``.
 
     It is (m, n) for m and n active splines. ``coarser`` is the last of the :func:`representations` of the former space.
@@ -260,7 +260,7 @@ class RefinedSpace(FunctionSpace):
                 if len(here := np.flatnonzero(np.minimum(level_of_row, finest) == level))
             ]
             strip = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *read])).astype(np.int64)
-            steps.append(Level(prolongation_to(levels, finest, coarser[-1]), strip))
+            steps.append(Level(prolongation_to_level(levels, finest, coarser[-1]), strip))
         return steps
 
     def describe(self) -> dict[str, Any]:

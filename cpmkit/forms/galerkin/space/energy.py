@@ -24,10 +24,10 @@ from cpmkit.forms.galerkin.options import Stabilisation
 from cpmkit.forms.galerkin.space.pattern_kernels import add_squared_differences
 from cpmkit.forms.galerkin.space.sample_kernels import (
     SPLINES,
+    add_gradient_load,
     add_load,
-    add_slope_load_of_samples,
-    read_slopes,
-    read_values,
+    fill_gradients,
+    fill_values,
 )
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.runtime.index_sets import inverse_index
@@ -99,7 +99,7 @@ def gradient_load(space: SplineSpace, field: Floats) -> Floats:
     dof_map, samples, loads = space.dof_map, space.samples, np.zeros(space.dof_map.size)
     sample_arrays = dof_map.patch, *_spline_count_tuples(space), samples.places, samples.directions, samples.weights
     field = np.ascontiguousarray(field, dtype=np.float64)
-    add_slope_load_of_samples(dof_map.unknowns, dof_map.spacing, *sample_arrays, field, loads)
+    add_gradient_load(dof_map.unknowns, dof_map.spacing, *sample_arrays, field, loads)
     return loads
 
 
@@ -107,7 +107,7 @@ def values_at_samples(space: SplineSpace, u: Floats, some: slice | Ints = EVERY_
     """Return the values (q, channels) at the samples ``some`` of the splines with coefficients ``u`` (n, channels)."""
     dof_map, places = space.dof_map, space.samples.places[some]
     values = np.empty((len(places), u.shape[1]))
-    read_values(
+    fill_values(
         dof_map.unknowns, dof_map.patch[some], *_spline_count_tuples(space), places, np.ascontiguousarray(u), values
     )
     return values
@@ -121,7 +121,7 @@ def gradients_at_samples(space: SplineSpace, u: Floats, some: slice = EVERY_SAMP
     dof_map, samples, patch = space.dof_map, space.samples, space.dof_map.patch[some]
     gradients = np.empty((len(patch), u.shape[1], dof_map.dim))
     sample_arrays = patch, *_spline_count_tuples(space), samples.places[some], samples.directions[some]
-    read_slopes(dof_map.unknowns, dof_map.spacing, *sample_arrays, np.ascontiguousarray(u), gradients)
+    fill_gradients(dof_map.unknowns, dof_map.spacing, *sample_arrays, np.ascontiguousarray(u), gradients)
     magnification = dof_map.magnification(patch)
     if len(magnification) > 1:  # lengths on magnified lattices are enlarged
         gradients *= magnification[:, None, None]
@@ -150,16 +150,16 @@ def energy_data(
             a = np.multiply.outer(np.broadcast_to(a, len(space.samples)), np.eye(d))
         scalars = scalar_coefficient(space, a) if scale is None else scale
         tensors = np.ascontiguousarray(a, dtype=np.float64) if np.ndim(a) == 3 else tensors
-    return _summed_energy(space, scalars, tensors, np.zeros(0) if c is None else _as_array(c), stabilisation)
+    return _sum_energy(space, scalars, tensors, np.zeros(0) if c is None else _as_array(c), stabilisation)
 
 
 def stabilisation_data(space: SplineSpace, a: Floats | float, stabilisation: Stabilisation) -> Floats:
     """Return the entries (z,) of the penalty on derivatives along normals, with factor ``a``, without the energy."""
     d = space.samples.places.shape[1]
-    return _summed_energy(space, _as_array(a), np.zeros((1, d, d)), np.zeros(0), stabilisation)
+    return _sum_energy(space, _as_array(a), np.zeros((1, d, d)), np.zeros(0), stabilisation)
 
 
-def _summed_energy(
+def _sum_energy(
     space: SplineSpace, scalars: Floats, tensors: Floats, masses: Floats, stabilisation: Stabilisation
 ) -> Floats:
     """Return the entries (z,) that `add_energy` sums for a = ``scalars``, A = ``tensors`` and c = ``masses``."""

@@ -36,7 +36,7 @@ SWEEP = 8
 
 
 @compiled
-def value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, weight: float) -> None:
+def fill_value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, weight: float) -> None:
     """Fill two rows of ``forms`` with the splines at (x, y, z) in the cell, and with ``weight`` times these."""
     room = row_length(splines)
     for i in range(room):
@@ -47,7 +47,7 @@ def value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, z: fl
 
 
 @compiled
-def second_form(
+def fill_second_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
     """Fill two rows of ``forms`` with second derivatives along ``n`` of splines at (x, y, z), then times ``weight``."""
@@ -69,7 +69,7 @@ def second_form(
 
 
 @compiled
-def sample_forms(
+def fill_sample_forms(
     forms: Floats,
     splines: Any,
     kind: int,
@@ -82,8 +82,8 @@ def sample_forms(
     """Fill five pairs of rows of ``forms``: the slopes of the splines, their second derivatives, and their values.
 
     The first three pairs are the slopes along each axis at ``place`` (x, y, z), and the symmetric ``tensor``, given by
-    its entries xx, xy, xz, yy, yz and zz, times these. Then follow the pairs of `second_form` along ``n``, with
-    ``second_weight``, and of `value_form`, with ``value_weight``. ``kind`` is 0 in the plane and 1 in space.
+    its entries xx, xy, xz, yy, yz and zz, times these. Then follow the pairs of `fill_second_form` along ``n``, with
+    ``second_weight``, and of `fill_value_form`, with ``value_weight``. ``kind`` is 0 in the plane and 1 in space.
     """
     room, (x, y, z), (nx, ny, nz) = row_length(splines), place, n
     xx, xy, xz, yy, yz, zz = tensor
@@ -112,7 +112,7 @@ def sample_forms(
 
 
 @compiled
-def third_form(
+def fill_third_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
     """Fill two rows of ``forms`` with third derivatives along ``n`` of splines at (x, y, z), then times ``weight``."""
@@ -135,7 +135,7 @@ def third_form(
 
 
 @compiled
-def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, weight: float, C: Floats) -> None:
+def fill_tensor(q: int, normals: Floats, a: float, tensors: Floats, e1: float, weight: float, C: Floats) -> None:
     """Fill ``C`` (3, 3) with ``weight`` times (P A P + e1 a (I - P)), P the projection onto the tangent space.
 
     ``normals`` (c, d) are orthonormal; A is ``tensors[q]`` of sample ``q``, or ``tensors[0]`` if there is one for all
@@ -251,16 +251,16 @@ def add_energy(
             factor = weights[q] * c[q if len(c) > 1 else 0] if len(c) else 0.0
             rows = forms[2 * room * count :]
             if len(a) == 0:
-                value_form(rows, splines, kind, x, y, z, factor)
+                fill_value_form(rows, splines, kind, x, y, z, factor)
                 count += 1
                 continue
             weight = weights[q] / spacing**2
             own = a[q if len(a) > 1 else 0]
             decode_normals(directions[q], normals)
-            tensor_at(q, normals, own, tensors, e1, weight, C)
+            fill_tensor(q, normals, own, tensors, e1, weight, C)
             tensor = C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2]
             n = combined_normal(normals, 0, 0, 1.0, 0.0)
-            sample_forms(rows, splines, kind, (x, y, z), tensor, n, weight * e2 * own, factor)
+            fill_sample_forms(rows, splines, kind, (x, y, z), tensor, n, weight * e2 * own, factor)
             count += 5 if len(c) else 4
             for one in range(codim):
                 for two in range(one, codim):
@@ -268,15 +268,15 @@ def add_energy(
                     other = 0.0 if one == two else share
                     n = combined_normal(normals, one, two, share, other)
                     if two > 0:
-                        second_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e2 * own)
+                        fill_second_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e2 * own)
                         count += 1
                     if len(splines) < 4:
                         continue
-                    third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
+                    fill_third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
                     count += 1
                     if one < two:  # a cubic form in two normals has four coefficients
                         n = combined_normal(normals, one, two, share, -other)
-                        third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
+                        fill_third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
                         count += 1
         _add_gathered(forms, splines, count, width, block)
         scatter(block, room, unknowns[p], indptr, indices, data, standing, True)

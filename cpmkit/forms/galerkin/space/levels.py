@@ -23,7 +23,7 @@ from cpmkit.types import Floats, Ints, SparseMatrix
 
 
 @compiled
-def two_scale(
+def two_scale_rows(
     cells: Ints, unknowns: Ints, n: int, parent: Ints, coarse_cells: Ints, coarse_unknowns: Ints, shares: Floats
 ) -> tuple[Any, Any, Any]:
     """Return the row pointers (n + 1,), ascending columns (z,) and weights (z,) of the prolongation P (n, m), in CSR.
@@ -120,7 +120,7 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, SparseMatrix]:
     patch = label[dof_map.patch]
     coarse = dof_map_from_patches(2 * dof_map.spacing, cells, touching, patch, isolated, dof_map.degree)
     fine = dof_map.cells, dof_map.unknowns, dof_map.size
-    indptr, indices, weights = two_scale(*fine, label, cells, coarse.unknowns, two_scale_shares(dof_map.degree))
+    indptr, indices, weights = two_scale_rows(*fine, label, cells, coarse.unknowns, two_scale_shares(dof_map.degree))
     return coarse, csr_array((weights, indices, indptr), shape=(dof_map.size, coarse.size))
 
 

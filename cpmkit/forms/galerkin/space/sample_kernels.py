@@ -158,7 +158,7 @@ def add_load(
 
 
 @compiled
-def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: Any, u: Floats, values: Floats) -> None:
+def fill_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: Any, u: Floats, values: Floats) -> None:
     """Fill ``values`` (q, channels) with those of the splines with coefficients ``u`` (n, channels) at samples.
 
     The other arguments are those of :func:`add_load`.
@@ -193,7 +193,7 @@ def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: An
 
 
 @inlined
-def splines_by_place(place: Any, along: int, depth: int, values: Floats, steps: Floats) -> None:
+def fill_splines_at_place(place: Any, along: int, depth: int, values: Floats, steps: Floats) -> None:
     """Fill ``values`` and ``steps`` (3, along), for each axis, with the splines at a sample and their slopes.
 
     ``place`` (d,) is that of the sample in `QuantisedSamples`. Slopes are derivatives with respect to coordinates in
@@ -217,7 +217,7 @@ def make_tangential(normals: Floats, vector: Floats) -> None:
 
 
 @compiled
-def read_slopes(
+def fill_gradients(
     unknowns: Ints,
     spacing: float,
     patch: Any,
@@ -245,7 +245,7 @@ def read_slopes(
         if p != last:
             last = p
             gather_coefficients(unknowns[p], u, of_patch)
-        splines_by_place(places[q], along, depth, values, steps)
+        fill_splines_at_place(places[q], along, depth, values, steps)
         decode_normals(directions[q], normals)
         at = np.uint64(0)  # unsigned, so that no index is tested for its sign
         for channel in range(channels):
@@ -271,7 +271,7 @@ def read_slopes(
 
 
 @compiled
-def add_slope_load_of_samples(
+def add_gradient_load(
     unknowns: Ints,
     spacing: float,
     patch: Any,
@@ -285,7 +285,7 @@ def add_slope_load_of_samples(
 ) -> None:
     """Add sum_q weights[q] field[q] . grad N_j(y_q) over the first samples to ``load`` (n,), for the splines N_j.
 
-    Only the tangential part of ``field`` (q, d) is used; the other arguments are those of :func:`read_slopes`.
+    Only the tangential part of ``field`` (q, d) is used; the other arguments are those of :func:`fill_gradients`.
     """
     width, d, last = unknowns.shape[1], places.shape[1], len(field) - 1
     along, depth = len(splines), len(third)
@@ -294,7 +294,7 @@ def add_slope_load_of_samples(
     normals, own = np.empty((directions.shape[1], d)), np.zeros(3)
     sums = np.zeros(along * along * depth)
     for q in range(len(field)):
-        splines_by_place(places[q], along, depth, values, steps)
+        fill_splines_at_place(places[q], along, depth, values, steps)
         decode_normals(directions[q], normals)
         for axis in range(d):
             own[axis] = field[q, axis]

@@ -64,7 +64,7 @@ def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> SparseMatrix:
     A patch is a connected part of the manifold in one lattice cell, and has (degree + 1)^d splines. Points are relative
     to the origin of the lattice.
     """
-    values = spline_values(_local(dof_map, patch, points), dof_map.degree)
+    values = spline_values(_cell_coordinates(dof_map, patch, points), dof_map.degree)
     entries = values[:, 0]
     for axis in range(1, dof_map.dim):
         entries = _outer(entries, values[:, axis])
@@ -76,7 +76,7 @@ def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Fl
 
     Each point is evaluated by the splines that its ``patch`` (k,) reads.
     """
-    t = _local(dof_map, patch, points)
+    t = _cell_coordinates(dof_map, patch, points)
     along = directions * dof_map.magnification(patch)[:, None] / dof_map.spacing
     values = spline_values(t, dof_map.degree)
     slopes = spline_slopes(t, dof_map.degree) * along[:, :, None]
@@ -87,7 +87,7 @@ def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Fl
     return _patch_rows(dof_map, patch, entries)
 
 
-def _local(dof_map: DofMap, patch: Ints, points: Floats) -> Floats:
+def _cell_coordinates(dof_map: DofMap, patch: Ints, points: Floats) -> Floats:
     """Return the coordinates t (k, d) of ``points`` (k, d) in the cells of their patches (k,): in [0, 1] inside."""
     return np.asarray(dof_map.magnify(patch, points) / dof_map.spacing - dof_map.cells[patch] + 0.5)
 
