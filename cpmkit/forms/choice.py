@@ -52,7 +52,7 @@ def cost_model(scene: Scene, options: Options[Any]) -> CostModel[Any]:
 
 
 def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) -> tuple[Options[Any], dict[str, Any]]:
-    """Return the options of a scene's discretisation that are among the arguments ``given``, and the other arguments.
+    """Return the options of a scene's discretisation made of the arguments ``given`` by name, and the other arguments.
 
     ``spacing`` is None if not given. Raises InputError if it is needed, an option belongs to another form, or a value
     is not accepted; warns of old names of options.
@@ -92,7 +92,7 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
-    """Return the form's name ``form``, or for "auto" that of the form that the options ``names`` determine, else None.
+    """Return ``form`` if it is a form's name; if "auto", the form that the options ``names`` determine, None if none.
 
     An option of one form determines it. Where ``names`` maps options to values, so does an option of several forms,
     such as ``degree``, if only one form accepts its value. Names that are no options of a form are ignored. Raises
@@ -177,7 +177,7 @@ def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solv
 
 
 def _memory_sentence(scene: Scene, options: Options[Any] | None, solver: str, limit: memory.MemoryLimit) -> str:
-    """Return the message of an out-of-memory error: the memory needed, ``limit``, and the advised spacing."""
+    """Return the message of an out-of-memory error: the memory needed, the ``limit``, and a spacing that fits."""
     if options is None:
         return f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less."
     spacing, needed, hint, fits = options.spacing, "", "", 0.0

@@ -75,8 +75,7 @@ class FormOperators(ABC):
     def check(self, solver: str) -> None:
         """Raise if the form cannot solve the problem by the linear solver named ``solver``; by default never raise.
 
-        Raises InputError, SceneError, or ResolutionError if memory does not suffice or the spacing is too coarse, with
-        a spacing that would do.
+        Raises InputError, SceneError, or, with a spacing that would do, ResolutionError for too much memory or spacing.
         """
 
     def with_scene(self, scene: Scene) -> Self:
@@ -100,15 +99,15 @@ class FormOperators(ABC):
 
     @abstractmethod
     def stiffness(self, terms: Terms) -> Stiffness:
-        """Return the operator A of the terms of an equation, and of the conditions.
+        """Return the operator A (n, n) of the terms of an equation, and of the conditions.
 
         Raises InputError if a coefficient is not accepted, ResolutionError if the spacing is too coarse for it.
         """
 
     def advection(self, field: form_records.StateDependentCoefficient) -> Operator:
-        """Return the integrals (n, n) of ``u (w . grad v)``, w = ``field``, v a test function, for Newton tangents.
+        """Return the integrals (n, n) of ``u (w . grad v)``, v a test function, for Newton tangents.
 
-        By default raises SceneError, as the form has no diffusivity that depends on u.
+        ``field`` gives the vectors w (k, d) at k points. By default raises SceneError.
         """
         raise missing_ability_error(self, "diffusivity that depends on u")
 
@@ -130,7 +129,7 @@ class FormOperators(ABC):
 
     @abstractmethod
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return the load (n, channels) of the right-hand side ``f`` at ``time``; None for problems without time."""
+        """Return the load (n, channels) of the right-hand side ``f``; ``time`` is None for problems without time."""
 
     @abstractmethod
     def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
@@ -204,7 +203,7 @@ class FormValues(FormOperators):
 
         ``label`` is the name of the data in errors; ``time`` is also that of the conditions' data. Two arguments are
         ignored by default: ``in_range``, whether the unknowns stay within the range of data that the spacing does not
-        resolve, and ``step``: above 0, ``data`` are rates du/dt, as are the conditions' data, by differences over it.
+        resolve, and ``step``: if above 0, ``data`` are rates du/dt, and conditions' data are differenced over it.
         """
         return self.project(self.data_at_points(data, label, time, self.scene.channels), time=time)
 
@@ -247,16 +246,16 @@ class FormValues(FormOperators):
     ) -> Floats:
         """Return du/db (k, channels), b outwards, at the points of a boundary's side nearest to ``points`` (k, d).
 
-        Without a ``boundary``: at the nearest points of the manifold's edge. b is the conormal. Default: InputError.
+        b is the conormal, out of ``side``. Without a ``boundary`` it is that of the edge. By default raises InputError.
         """
         place = "the edge" if boundary is None else f"boundary {boundary!r}"
         raise InputError(f"the form {self.form!r} evaluates no flux through {place}.")
 
     def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
-        """Return the integrals (channels,) of du/db at ``time`` over a side of a boundary or over the edge.
+        """Return the integrals (channels,) of du/db, b outwards, at ``time`` over a side of a boundary or the edge.
 
-        ``boundary`` is the name of the boundary, the number of the loop, or "edge"; ``side`` is None for the edge.
-        Returns None, the default, where a quadrature of :meth:`conormal_derivative` is as good.
+        ``boundary`` is its name, the number of a loop of the edge, or "edge"; ``side`` is None for the edge. Returns
+        None, the default, where a quadrature of :meth:`conormal_derivative` is as good.
         """
         return None
 
@@ -268,7 +267,7 @@ class FormValues(FormOperators):
         raise InputError(f"the form {self.form!r} knows no sides of boundary {name!r}.")
 
     def display_mesh(self, u: Floats) -> DisplayMesh | None:
-        """Return the form's own mesh with u at its vertices; None to use the surface's mesh, cut at the boundaries."""
+        """Return the form's mesh with u (n, channels) at its vertices; None to use the surface's, cut at boundaries."""
         return None
 
 
@@ -279,7 +278,7 @@ class Discretized(FormValues):
     """
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
-        """Return a solution u of ``operator u = b`` less its means on pieces of a border, and the imbalances of b."""
+        """Return ``u`` (n, channels), ``operator u = b``, less its means on free pieces, and the imbalances there."""
         return balanced_solution(operator, b, u, self) if isinstance(operator, Bordered) else (u, ())
 
     def warnings(self) -> tuple[str, ...]:
@@ -310,7 +309,7 @@ class Discretized(FormValues):
         return advice_of(self.scene.surface, self.spacing).floor
 
     def work(self, operator: Operator, report: SolveReport | None) -> form_records.MeasuredWork:
-        """Return the measures of the work of a solve with ``operator``; ``report`` is None if no solver was called."""
+        """Return the measures of the work of a solve of ``operator``; ``report`` is None if no solver was called."""
         return form_records.PlainWork(self.size, operator.nonzeros, report.operator_applications if report else 0)
 
     @abstractmethod
@@ -330,7 +329,7 @@ class Discretized(FormValues):
 
 
 def missing_ability_error(form: FormOperators, ability: str) -> SceneError:
-    """Return the SceneError for a problem that needs an ``ability`` that the form lacks, with its advice."""
+    """Return the SceneError, with advice, for a problem that needs an ``ability`` that the form lacks."""
     return SceneError(
         f"the form {form.form!r} has no {ability}, which {form.scene.problem.kind!r} needs; "
         f"{form.cannot.get(ability, 'use another form')}."
@@ -344,7 +343,7 @@ def require_ability(form: FormOperators, ability: str) -> None:
 
 
 def integrals(form: FormValues, u: Floats) -> Floats | None:
-    """Return the integrals (channels,) of u over the manifold; None where the points of the form have no weights."""
+    """Return the integrals (channels,) of u (n, channels) over the manifold; None where the points have no weights."""
     weights = form.point_weights
     return None if weights is None else np.asarray(weights @ form.at_points(u))
 

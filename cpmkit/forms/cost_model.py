@@ -150,7 +150,7 @@ class CostModel(ABC, Generic[Own]):
 
     @abstractmethod
     def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
-        """Return the bytes at the peak of a solve by ``solver``; ``work`` measures a coarser solve, None without it."""
+        """Return the bytes at the peak of a solve by ``solver``; ``work`` is that of a coarser solve, if known."""
 
     def check_fits(self, unknowns: float, solver: str) -> None:
         """Raise ResolutionError, with a spacing that would fit, if a solve by ``solver`` exceeds the memory limit."""
@@ -192,7 +192,7 @@ class CostModel(ABC, Generic[Own]):
         return {name: round(max(growth.count_at(self.options.spacing), fine[name])) for name, growth in growths.items()}
 
     def band_unknowns(self, source: LocalSource) -> float:
-        """Return the approximate number of unknowns in a band around ``source`` at the spacing; 0 for a point."""
+        """Return the approximate number of unknowns in a closest point band around ``source``; 0 for a point."""
         if source.largest_dim == 0:
             return 0.0
         degree: int = getattr(self.options.own, "degree")  # noqa: B009
@@ -227,7 +227,7 @@ class Growth:
 
 
 def growth_through(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
-    """Return the growth through two pairs (spacing, number); m is the dimension of the manifold.
+    """Return the growth through two pairs (spacing, count); ``m`` is the dimension of the manifold.
 
     Where a term would be negative, as the coarse lattice does not resolve the manifold, ``fine`` alone gives a, b = 0.
     """
@@ -238,7 +238,7 @@ def growth_through(fine: tuple[float, float], coarse: tuple[float, float], m: in
 
 
 def fit_linear_cost(coarse: tuple[float, float], fine: tuple[float, float]) -> tuple[float, float]:
-    """Return the constant and the slope of a cost linear in the unknowns, from two pairs (unknowns, cost).
+    """Return the constant and the slope of a cost linear in the unknowns, from two pairs (unknowns, cost of a solve).
 
     The slope is at least half the cost per unknown of the pair ``fine``, as first solves also fill caches; the constant
     is that of a line through ``fine``, or zero if that is negative.

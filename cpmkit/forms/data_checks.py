@@ -125,7 +125,7 @@ class Imbalance:
 def free_pieces(
     stiffness: Operator, make_mass: Callable[[], Operator | None], constant_unknowns: int | None = None
 ) -> Border | None:
-    """Return the border of the pieces of the manifold on which u + constant solves ``A u = b`` if u does; else None.
+    """Return indicators and means of the pieces where u + constant solves ``A u = b`` if u does; None without any.
 
     Unknowns that A couples belong to the same piece; a constant is free on a piece if A times its indicator vanishes.
 
@@ -169,9 +169,9 @@ _PIECES: WeakKeyDictionary[Border, list[dict[str, Any]]] = WeakKeyDictionary()
 def balanced_solution(
     operator: Bordered, b: Floats, u: Floats, form: Discretized
 ) -> tuple[Floats, tuple[Imbalance, ...]]:
-    """Return u (n, channels) less its mean on each piece of the border, and the imbalance of the load ``b`` there.
+    """Return ``u`` less its mean on each piece of the border, and the imbalance of the load ``b`` on each piece.
 
-    ``u`` solves ``operator u = b``. The places of the pieces are stored for the next call with the same border.
+    ``u`` solves ``operator u = b``, both (n, channels). The places of pieces are cached for the same border.
     """
     u, means = operator.border.remove_means(u)
     indicator, load = operator.border.indicator.toarray(), operator.border.constant_load
@@ -185,9 +185,9 @@ def balanced_solution(
 
 
 def _describe_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
-    """Return the fields explained, near and share of an imbalance on the piece with the points ``on_piece`` (p,).
+    """Return the fields explained, near and share of an imbalance on the piece of the points where ``on_piece`` (p,).
 
-    A piece without points has no place: its ``near`` is empty and its ``share`` 0.
+    ``near`` is empty and ``share`` 0 for a piece without points.
     """
     points, members = form.points, np.flatnonzero(on_piece)
     if not len(members):
@@ -256,7 +256,7 @@ def _all_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator
 
 
 def _rows_in_runs(count: int) -> Any:
-    """Return the integers (k,) from 0 below ``count``; if these are many, evenly spread runs of consecutive ones."""
+    """Return the integers (k,) below ``count``; of more than 3,072, spread runs of consecutive ones, ascending."""
     if count <= RUNS * RUN_LENGTH:
         return np.arange(count)
     starts = np.linspace(0, count - RUN_LENGTH, RUNS).astype(np.int64)

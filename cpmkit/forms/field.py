@@ -93,10 +93,7 @@ class Field:
     def gradient(self) -> Field:
         """Return the tangential gradient (p, d) of a field of one channel, one-sided at boundaries.
 
-        Raises
-        ------
-        InputError
-            If the field has several channels.
+        Raises InputError if the field has several channels.
         """
         if self.channels != 1:
             raise InputError(f"the gradient is that of one channel, got {self.channels}; take them one by one.")
@@ -106,11 +103,7 @@ class Field:
         """Return ``scale`` times the weak divergence of a field of vectors (p, d), for a right-hand side.
 
         It is represented by integrals of the field times gradients of test functions; the field is not differentiated.
-
-        Raises
-        ------
-        InputError
-            If the field does not have one channel for each dimension of space.
+        Raises InputError if the field does not have one channel for each dimension of space.
         """
         if self.values.shape != self.points.shape:
             raise InputError(
@@ -119,12 +112,9 @@ class Field:
         return Divergence(self, scale)
 
     def project(self, onto: ClosestPointSource | None = None) -> Field:
-        """Return the field of the vectors' tangential parts; with ``onto``, of the closest points on it to the values.
+        """Return the field of the vectors' tangential parts; with ``onto``, of the values' closest points on it.
 
-        Raises
-        ------
-        InputError
-            If the field does not have one channel for each dimension of space, with ``onto`` that of the source.
+        Raises InputError if the field does not have one channel for each dimension of space, that of ``onto`` if given.
         """
         if self.columns.shape[1] != self.points.shape[1] and onto is None:
             raise InputError(f"vectors have {self.points.shape[1]} channels, got {self.columns.shape[1]}.")
@@ -151,10 +141,7 @@ class Field:
     def energy(self) -> float:
         """Return the integral of |grad u|^2 / 2 over the manifold, summed over the channels.
 
-        Raises
-        ------
-        InputError
-            If the points of the form have no quadrature weights, as in ``collocation``.
+        Raises InputError if the points of the form have no quadrature weights, as in ``collocation``.
         """
         weights = self.form.point_weights
         if weights is None:

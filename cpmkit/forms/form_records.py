@@ -18,7 +18,7 @@ class StateDependentCoefficient:
 
     needs_state: ClassVar[bool] = True
     #: Takes the values (k,) of u, its tangential gradients (k, d) and the points (k, d) in the scene's coordinates;
-    #: returns numbers (k,) or symmetric tensors (k, d, d).
+    #: returns numbers (k,), symmetric tensors (k, d, d), or, as the field of an advection, vectors (k, d).
     coefficient: Callable[[Floats, Floats, Floats], Floats]
     u: Floats  #: (n, 1): the unknowns of u.
     #: Takes the same arguments; returns numbers (k,) by which penalties and stabilisation are scaled. By default the
@@ -62,7 +62,7 @@ class Dispersion:
     bend_power: int = 2  #: Order of convergence with respect to the curvature of the manifold.
 
     def error(self, eigenvalue: float, spacing: float, radius: float) -> float:
-        """Return the expected error of ``eigenvalue`` at ``spacing`` on a manifold with the ``radius`` of curvature."""
+        """Return the expected absolute error of ``eigenvalue`` on a manifold with this ``radius`` of curvature."""
         waves = self.waves * (eigenvalue * spacing**2) ** (self.power / 2)
         return float(eigenvalue * (waves + self.bends * (spacing / radius) ** self.bend_power))
 

@@ -57,9 +57,9 @@ def fill_advection_forms(
 ) -> None:
     """Fill ``forms`` (3 room,) with N, D = v . grad N and R = -a Lap N - g . grad N + c N of each spline N at a sample.
 
-    ``t`` (3,) is its place in the cell; v and g = grad a are (3,), ``normals`` (codim, d), ``a`` and ``c`` the
-    diffusivity and the factor of u; room is the `row_length` of ``splines``. ``kind`` is 0 in the plane and 1 in space;
-    ``spacing`` is h.
+    ``t`` (3,) in [0, 1] is its place in the cell; v and g = grad a are (3,), ``normals`` (codim, d), ``a`` and ``c``
+    the diffusivity and the factor of u; room is the `row_length` of ``splines``. ``kind`` is 0 in the plane and 1 in
+    space; ``spacing`` is h.
     """
     room = row_length(splines)
     codim, d = normals.shape
@@ -167,7 +167,7 @@ class Advection:
     conservative: bool  #: Whether the equation has div(v u) in place of v . grad u.
 
     def add_to_matrix(self, matrix: SparseMatrix, stabilisation: Stabilisation) -> SparseMatrix:
-        """Return a stiffness ``matrix`` (n, n) plus the terms of the velocity and the ``stabilisation`` they need."""
+        """Return a ``matrix`` (n, n) in the space's pattern plus these terms and the ``stabilisation`` they need."""
         space, data = self.space, matrix.data.copy()
         speed = np.linalg.norm(self.velocity, axis=1)
         more = np.maximum(STABILISATION_SHARE * speed * space.dof_map.spacing - self.a, 0.0)
@@ -194,7 +194,7 @@ class Advection:
         return upwinded
 
     def add_load(self, f: Floats, load: Floats) -> None:
-        """Add the integrals of tau (v . grad phi) f to ``load`` (n, channels); f is (p, channels) at the samples."""
+        """Add the integrals of tau (v . grad phi) f to ``load`` (n, channels), in place; f (p, channels) at samples."""
         if self.upstream.any():
             field = self.upstream[: len(f), None] * self.velocity[: len(f)]
             for channel in range(load.shape[1]):
@@ -211,7 +211,7 @@ def _add_terms(
     gradient_of_a: Floats | None = None,
     c: Floats | None = None,
 ) -> None:
-    """Add the terms of :func:`add_advection` to the entries ``data`` (z,); coefficients that are None are zero.
+    """Add the terms of :func:`add_advection` to the entries ``data`` (z,), in place; coefficients None are zero.
 
     ``advection`` are the factors of the convective and the conservative terms.
     """

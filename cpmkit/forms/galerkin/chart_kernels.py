@@ -212,7 +212,10 @@ def flood_charts(
 
 @compiled
 def _rims_around(rims: Floats, normals: Floats, centre: Floats, normal: Floats, reach: float) -> Floats:
-    """Return the ends (k, 2, d), relative to a centre, of rims within ``reach`` whose normals are near ``normal``."""
+    """Return the ends (k, 2, d), relative to ``centre`` (d,), of the ``rims`` (r, 2, d) that may hide cells.
+
+    Their first ends are within ``reach``, their ``normals`` (r, d) within 78 degrees of ``normal`` (d,).
+    """
     near = np.empty_like(rims)
     count = 0
     for r in range(len(rims)):
@@ -229,7 +232,7 @@ def _rims_around(rims: Floats, normals: Floats, centre: Floats, normal: Floats, 
 
 @compiled
 def _crosses_any(chord: Floats, rims: Floats, normal: Floats) -> bool:
-    """Return whether a chord from the origin crosses one of the rims (k, 2, 3), seen along the normal (3,)."""
+    """Return whether ``chord`` (3,) from the origin crosses one of ``rims`` (k, 2, 3), seen along ``normal`` (3,)."""
     for r in range(len(rims)):
         one, two = rims[r, 0], rims[r, 1]
         side_one, side_two = _turn(chord, one, normal), _turn(chord, two, normal)

@@ -73,12 +73,10 @@ class RimEdges:
 
 
 def chart_facets(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Ints, bool]:
-    """Return the facets (c, k - 1) between the charts of a mesh that is cut at boundaries and creases, and a flag.
+    """Return the facets (c, k - 1), as vertices, between charts of a mesh cut at boundaries and creases, and a flag.
 
-    The flag says whether there are voids, at whose corners u is singular, and not folds alone.
-
-    ``corners`` (m, k) are the vertices of its cells after cutting. ``spacing`` is h; cells are at most about half as
-    long.
+    The flag says whether there are voids, at whose corners u is singular, and not folds alone. ``corners`` (m, k) are
+    the vertices of cells after cutting. ``spacing`` is h; cells are at most about half as long.
     """
     facets, sides, chart, has_voids = _charts(mesh, corners, spacing)
     chosen = facets[chart[sides[:, 0]] != chart[sides[:, 1]]]
@@ -88,7 +86,8 @@ def chart_facets(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Ints, bool]
 def _charts(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Ints, Ints, Ints, bool]:
     """Return the facets (e,) between two cells that both have a chart, these cells (e, 2), and the chart (m,) of cells.
 
-    The last value is the flag of :func:`chart_facets`. Cells without a chart have -1.
+    Facets are numbers of edges or vertices. The last value is the flag of :func:`chart_facets`. Cells without a chart
+    have -1.
     """
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64), np.full(len(mesh.cells), -1), False
     centres, vectors = mesh.vertices[mesh.cells].mean(axis=1), _measure_vectors(mesh)
@@ -120,9 +119,10 @@ def _charts(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Ints, Ints, Ints
 
 
 def _without_small_charts(chart: Ints, areas: Floats, sides: Ints, lengths: Floats, least: float) -> Ints:
-    """Return the chart (m,) of each cell when each of an area below ``least`` has joined that with the longest border.
+    """Return ``chart`` (m,), that of each cell or -1, with charts of an area below ``least`` joined to neighbours.
 
-    ``areas`` (m,) are those of cells, ``sides`` (e, 2) the cells at edges with ``lengths`` (e,), all in charts.
+    A small chart joins that with the longest common border. ``areas`` (m,) are those of cells, ``sides`` (e, 2) the
+    cells at edges with ``lengths`` (e,), all in charts.
     """
     while True:
         count, rows = int(chart.max()) + 1, chart >= 0
@@ -151,7 +151,7 @@ def _measure_vectors(mesh: Mesh) -> Floats:
 
 
 def _reads_folded_unknown(dof_map: DofMap, vectors: Floats) -> Bools:
-    """Return whether (p,) each patch reads an unknown under which the directions of cells, ``vectors``, spread."""
+    """Return whether (p,) each patch reads an unknown under which ``vectors`` (m, d), directions of cells, spread."""
     sums = _sums(dof_map.patch, np.concatenate([norms(vectors)[:, None], vectors], axis=1))
     of_unknowns = _sums(dof_map.unknowns.ravel(), sums.repeat(dof_map.unknowns.shape[1], axis=0))
     is_folded = norms(of_unknowns[:, 1:]) < LEAST_MEAN_NORMAL * of_unknowns[:, 0]
@@ -159,9 +159,9 @@ def _reads_folded_unknown(dof_map: DofMap, vectors: Floats) -> Bools:
 
 
 def group_cells(corners: Ints, centres: Floats, vectors: Floats, dof_map: DofMap) -> CellGroups:
-    """Return groups of cells with the ``corners`` (m, k) after cutting, ``centres`` and directions ``vectors`` (m, d).
+    """Return groups of cells with ``corners`` (m, k) after cutting, ``centres`` (m, d), whose dof map is ``dof_map``.
 
-    ``dof_map`` is that of the centres.
+    ``vectors`` (m, d) are those of :func:`_measure_vectors`.
     """
     codes = cell_codes(centres, GROUP_SHARE * dof_map.spacing)
     of_cell, roots, touching = build_patches(codes, corners, np.arange(len(corners)))
@@ -215,7 +215,7 @@ def _distances(points: Floats, pairs: Ints) -> Floats:
 
 
 def _neighbours(pairs: Any, count: int) -> tuple[Ints, Any]:
-    """Return the neighbours of each of ``count`` numbers in compressed rows, by ``pairs`` (t, 2) of adjacent ones."""
+    """Return row starts (count + 1,) and neighbours (2 t,) of the numbers below ``count``; ``pairs`` (t, 2) adjoin."""
     flat = np.ascontiguousarray(pairs).ravel()
     starts, places = inverse_index(flat, count)
     return starts, flat[places ^ 1]

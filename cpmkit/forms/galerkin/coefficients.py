@@ -37,7 +37,7 @@ class SampleCoefficients(PointReader):
     # Data
 
     def at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return ``data`` (p, channels) at the samples, each on its cell's side; parameters as of `evaluate_data`."""
+        """Return ``data`` (p, channels) at ``time`` at samples, each on its cell's side; ``label`` is for errors."""
         return evaluate_data(data, self._reading_points(data), channels, label, time)
 
     def _reading_points(self, data: Any) -> Floats:
@@ -152,17 +152,16 @@ class SampleCoefficients(PointReader):
 
 
 def check_diffusivity(a: Floats) -> Floats:
-    """Return the diffusivity ``a`` (k,), or raise InputError with its smallest value if that is not positive."""
+    """Return the diffusivity ``a`` (k,), or raise InputError with its smallest value unless that is positive."""
     if np.any(a <= 0):
         raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
     return a
 
 
 def check_tensor(a: Floats, normals: Floats, points: Floats) -> Floats:
-    """Return the diffusivity ``a`` (k, d, d), or raise if it is not positive definite on tangents of the manifold.
+    """Return the diffusivity ``a`` (k, d, d), or raise InputError unless it is positive definite on tangents.
 
-    The samples are the ``points`` (k, d) in the scene's coordinates, with orthonormal ``normals`` (k, c, d). Raises
-    InputError if a tensor is not; the message has its place and its extreme eigenvalues on tangents.
+    The samples are the ``points`` (k, d) in the scene's coordinates, with orthonormal ``normals`` (k, c, d).
     """
     least, largest = principal_diffusivities(a, normals)
     worst = int(np.argmin(least - SINGULAR_SHARE * largest))

@@ -107,7 +107,7 @@ def build_dof_map(
 
 
 def unequal_pairs(pairs: Any, count: int) -> Any:
-    """Return the distinct ``pairs`` (t, 2) of different numbers below ``count``, the smaller number first, as int32."""
+    """Return the distinct ``pairs`` (t, 2) of different numbers below ``count``, ascending, smaller first, int32."""
     low, high = np.sort(pairs, axis=1).astype(np.int64).T
     codes = np.unique(low[low < high] * count + high[low < high])
     return np.stack([codes // count, codes % count], axis=1).astype(np.int32)
@@ -157,7 +157,7 @@ def connected_pieces(dof_map: DofMap, across_ties: bool = True) -> tuple[int, In
 def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
     """Return the lines (d k, degree + 1) of unknowns that a patch reads along each axis, through k of its unknowns.
 
-    ``entries`` (k,) are the places of these unknowns in ``dof_map.unknowns.ravel()``.
+    ``entries`` (k,) are the places of these unknowns in ``dof_map.unknowns.ravel()``. Lines ascend by axis.
     """
     flat, width = dof_map.unknowns.ravel(), dof_map.width
     lines = [(entries - entries // s % width * s)[:, None] + s * np.arange(width) for s in dof_map.strides]
@@ -175,7 +175,7 @@ def with_double_room(values: Any) -> Any:
 def cell_codes(points: Floats, spacing: float) -> Ints:
     """Return an integer (q,) for each of the ``points`` (q, d), equal for points in the same lattice cell only.
 
-    Cells are centred at multiples of the ``spacing``.
+    Cells are centred at multiples of the ``spacing``. Codes of different calls are not comparable.
     """
     code = np.zeros(len(points), dtype=np.int64)
     for axis in range(points.shape[1]):

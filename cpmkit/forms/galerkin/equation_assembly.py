@@ -265,9 +265,9 @@ class EquationAssembly:
         """Return the integrals (channels,) of du/db over a side of a boundary, a loop of the rim or the whole rim.
 
         ``boundary`` is a name, or the number of a loop; any other name means the rim. They follow from the residual of
-        the weak form with data at ``time``; None if the eigenvalue is a factor of the flux, and for rims without
-        samples, unless A is a tensor: then 0. For a tensor A, du/db is the derivative along A b / (b . A b), b the
-        conormal.
+        ``u`` (n, channels) in the weak form with data at ``time``; None if the eigenvalue is a factor of the flux, and
+        for rims without samples, unless A is a tensor: then 0. For a tensor A, du/db is the derivative along
+        A b / (b . A b), b the conormal outwards.
         """
         sampled, samples = self.coefficients.sampled, self.coefficients.sampled.boundary
         names = [boundary.name for boundary in self.coefficients.boundaries]

@@ -119,7 +119,7 @@ def dispersion_of(degree: int, geometry: CellGeometry) -> Dispersion:
 
 
 def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError | None:
-    """Return an estimate of the error of u (n, channels) from third differences of its coefficients.
+    """Return an estimate of the error of ``u`` (n, channels) by third differences of its coefficients.
 
     None for splines of another degree than 2, for which nothing was measured, and where no two patches are adjacent.
     """
@@ -147,7 +147,7 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
 
 
 def _rough_ratios(smooth: tuple[float, float], *areas: tuple[float, tuple[float, float]]) -> tuple[float, float]:
-    """Return ratios between the ``smooth`` ratios and `ROUGH`, for shares of the area with their two limits.
+    """Return ratios (rms, largest) between ``smooth`` and `ROUGH`, for ``areas``: shares, each with its two limits.
 
     Below the first limit of each share they are the smooth ratios, above the second of any `ROUGH`; between the limits
     they are interpolated in the logarithm of the share.

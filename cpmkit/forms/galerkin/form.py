@@ -91,7 +91,7 @@ class Galerkin(EquationAssembly, Discretized):
         )
 
     def check(self, solver: str) -> None:
-        """Raise ResolutionError if factors of ``solver`` do not fit into memory; else compute the warnings, cached."""
+        """Raise ResolutionError if factors of ``solver`` do not fit into memory; else compute and cache warnings."""
         cost = SolveMemory(self.scene, self.options)
         if cost.factorised_part(solver):  # the memory of other solvers was checked before the tables were made
             cost.check_fits(self.size, solver)
@@ -153,7 +153,10 @@ class Galerkin(EquationAssembly, Discretized):
         return self.space.gradient_load(values)
 
     def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
-        """Return the load (n, channels) of the conditions' data for u, or with ``of="laplacian"`` for -Lap u."""
+        """Return the load (n, channels) of the conditions' data at ``time``, on u or with ``of="laplacian"`` on -Lap u.
+
+        ``stiffness`` is an operator of this space; its coefficients and penalties are used, with this scene's data.
+        """
         terms = self.terms_with_scene_data(stiffness)
         if not terms.conditions:
             return np.zeros((self.size, self.scene.channels))
@@ -204,7 +207,7 @@ class Galerkin(EquationAssembly, Discretized):
         )
 
     def data_at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return ``data`` (p, channels) at the samples, each on its cell's side; parameters as of `evaluate_data`."""
+        """Return ``data`` (p, channels) at ``time`` at samples, each on its cell's side; ``label`` is for errors."""
         return self.coefficients.at_points(data, label, time, channels)
 
     def interpolate(
@@ -234,11 +237,14 @@ class Galerkin(EquationAssembly, Discretized):
         return np.asarray(u.T @ self.mass.apply(v) / self.sampled.samples.weights.sum())
 
     def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
-        """Return the matrix (k, n) that evaluates u on ``side`` at the points of the manifold nearest to ``points``."""
+        """Return the matrix (k, n) that evaluates u on ``side`` at the manifold's points nearest to ``points`` (k, d).
+
+        Raises InputError if a point is farther away than three spacings.
+        """
         return self.coefficients.rows(points, side)
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the tangential gradient (k, channels, d) at points, L2 projected; for None at samples, unprojected."""
+        """Return the L2 projected tangential gradient (k, channels, d) at ``points`` (k, d); unprojected at samples."""
         if points is None:
             return self.space.gradients_at_samples(u)
         return self.coefficients.gradient(u, points, side)
@@ -246,11 +252,11 @@ class Galerkin(EquationAssembly, Discretized):
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
-        """Return du/db (k, channels), b outwards, at points on a ``side`` of ``boundary``, or for None on the edge."""
+        """Return du/db (k, channels), b out of ``side``, at ``points`` (k, d) on ``boundary``, for None on the edge."""
         return self.coefficients.conormal_derivative(u, points, boundary, side, self.scene)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distances (k,) of ``points`` from boundary ``name``, positive on its left, NaN past its ends."""
+        """Return the distances (k,) of ``points`` (k, d) from boundary ``name``: left positive, NaN past its ends."""
         return self.coefficients.signed_distance(name, points)
 
     # Diagnosis
@@ -338,7 +344,7 @@ class Galerkin(EquationAssembly, Discretized):
 
     @property
     def _sides(self) -> Floats:
-        """The moments of the sides of boundaries, by which a saved form is compared."""
+        """The :func:`side_moments` of the boundaries, by which a saved form is compared."""
         return side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
 
     def arrays(self) -> dict[str, Any]:
@@ -348,7 +354,7 @@ class Galerkin(EquationAssembly, Discretized):
         return {**arrays, **self.space.arrays(), "sides": self._sides}
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return in words how a ``saved`` form differs, in the sides of boundaries or in its space; empty if equal."""
+        """Return in words how the form of arrays ``saved`` differs, in sides of boundaries or space; empty if equal."""
         sides, saved_sides = self._sides, saved.get("sides", self._sides)
         if saved_sides.shape == sides.shape and np.any(np.sum(saved_sides * sides, axis=(1, 2)) < 0):
             return "left and right of its boundaries are others"

@@ -28,7 +28,10 @@ SOLUTION_BYTES_PER_SAMPLE = 50.0
 
 
 def _counts(form: Galerkin) -> dict[str, int]:
-    """Return the numbers of unknowns, samples, patches, closest points, and samples of each boundary, by name."""
+    """Return the numbers of unknowns, samples, patches, queries (of closest points) and ties (cut facets), by name.
+
+    Boundary number i has the key ``"boundary i"``: its samples.
+    """
     counts = {
         "unknowns": form.size,
         "samples": form.sampled.interior,
@@ -105,7 +108,10 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
         )
 
     def _parts(self, form: Galerkin, counts: Mapping[str, int]) -> list[Part]:
-        """Return the parts of the explanation with their ``counts``: samples, patches, splines, levels, boundaries."""
+        """Return the parts of the explanation: samples, patches, splines, then levels, ties and boundaries, if any.
+
+        ``counts`` has the keys of :func:`_counts`; ``form``, which may be coarser, says how the mesh is cut.
+        """
         own = self.options.own
         parts = [
             Part(

@@ -97,10 +97,7 @@ class GalerkinOptions(DeclaredOptions):
 
     @property
     def sampling(self) -> str:
-        """The option ``samples``, in which "auto" becomes "clipped" beside singular unknowns.
-
-        There clipping leaves a third of the error, at h = 0.05 of a plate.
-        """
+        """The option ``samples``; with singular unknowns "auto" becomes "clipped": it leaves a third of the error."""
         return "clipped" if self.samples == "auto" and self.tips == "singular" else self.samples
 
 

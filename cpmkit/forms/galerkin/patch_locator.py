@@ -54,7 +54,8 @@ class PatchLocator:
     def patches(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
         """Return the patches (k,) that evaluate u at ``feet`` (k,), and the samples (k,) by which they were chosen.
 
-        A point on boundary number b is evaluated on the side ``side_of[b]``, by default on the left.
+        Feet are relative to the lattice's origin. A foot on boundary number b is evaluated on the side ``side_of[b]``,
+        by default on the left.
         """
         points = feet.points
         patch, nearest = (np.empty(len(points), dtype=np.int64) for _ in range(2))
@@ -78,7 +79,10 @@ class PatchLocator:
         return patch, nearest
 
     def signed_distance(self, number: int, points: Floats) -> Floats:
-        """Return the distances (k,) of ``points`` from boundary ``number``, positive on its left, NaN past its ends."""
+        """Return the distances (k,) of ``points`` (k, d) from boundary ``number``, positive on its left.
+
+        Points are relative to the lattice's origin. The distance is NaN past the ends of the boundary.
+        """
         oriented = self.boundaries[number]
         at = self.lattice.to_scene(points) - oriented.left.origin
         return oriented.signed_distance(at, DIFFERENCE_SPACINGS * self.lattice.spacing)
@@ -114,7 +118,7 @@ class PatchLocator:
         return self._choose_patch(points, samples, scores, first)[0], first
 
     def _exclude_farther_sheets(self, points: Floats, samples: Ints, scores: Floats, element: Ints) -> None:
-        """Set the ``scores`` (k, q) of ``samples`` (k, q) to infinity on sheets that are farther along the manifold.
+        """Set ``scores`` (k, q) of ``samples`` (k, q), in place, to infinity on sheets farther along the manifold.
 
         The way starts in the source's cell ``element`` (k,) that contains each of the ``points`` (k, d).
         """

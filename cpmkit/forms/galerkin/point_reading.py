@@ -80,20 +80,20 @@ class PointReader:
         return PatchLocator(sampled.lattice, *parts, sampled.mesh)
 
     def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
-        """Return the matrix (k, n) that evaluates u on ``side`` at the points of the manifold nearest to ``points``."""
+        """Return the matrix (k, n) that evaluates u on ``side`` at the :meth:`closest_points` of ``points`` (k, d)."""
         feet, patch, cells = self._locate_points(points, side)
         return self.space.value_rows(patch, feet.points, cells)
 
     def _locate_points(self, points: Any, side: Sides) -> tuple[ClosestPoints, Ints, Ints]:
-        """Return the closest points of ``points`` (k, d), and the patches (k,) and mesh cells (k,) that they are in."""
+        """Return the :meth:`closest_points` of ``points`` (k, d), and the patches (k,) and mesh cells (k,) of them."""
         feet = self.closest_points(points)
         patch, nearest = self.locator.patches(feet, self.sides(side))
         return feet, patch, self.sampled.samples.cell_at(nearest)
 
     def closest_points(self, points: Any) -> ClosestPoints:
-        """Return the closest points on the manifold of ``points`` (k, d), relative to the lattice's origin.
+        """Return the closest points on the manifold of ``points`` (k, d), given in the scene's coordinates.
 
-        Raises InputError if a point is farther away than three spacings.
+        The result is relative to the lattice's origin. Raises InputError if one is farther away than three spacings.
         """
         at = as_points(points, self.sampled.lattice.dim)
         feet = self.sampled.surface.closest_point(self.sampled.lattice.to_local(at))
@@ -106,13 +106,13 @@ class PointReader:
         return feet
 
     def sides(self, side: Sides) -> dict[int, Side]:
-        """Return the side that is read of each boundary, by the boundary's number; see :func:`named_sides`."""
+        """Return the side from which each boundary's points are read, by its number; see :func:`named_sides`."""
         has_left = [oriented.has_left for oriented in self.sampled.oriented]
         by_name = named_sides(self.boundaries, side, has_left)
         return {boundary_number(self.boundaries, name): chosen for name, chosen in by_name.items()}
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distances (k,) of ``points`` from boundary ``name``, positive on its left, NaN past its ends."""
+        """Return the distances (k,) of ``points`` (k, d) from boundary ``name``: left positive, NaN past its ends."""
         return self.locator.signed_distance(boundary_number(self.boundaries, name), self.closest_points(points).points)
 
     # Gradients
@@ -146,7 +146,7 @@ class PointReader:
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None, side: Side | None, scene: Scene
     ) -> Floats:
-        """Return du/db (k, channels), b outwards, at ``points`` of a boundary's side, or of the edge of the manifold.
+        """Return du/db (k, channels), b outwards, at ``points`` (k, d) of a boundary's side, or of the manifold's edge.
 
         The edge is meant if ``boundary`` or ``side`` is None. Where the diffusivity A of the scene is a tensor, the
         derivative is along A b / (b . A b).

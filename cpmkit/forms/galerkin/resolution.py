@@ -191,7 +191,7 @@ class Resolution:
         return ""
 
     def folds_persist(self, coarser: Resolution) -> bool:
-        """Return whether the folded share is large, and hardly smaller than on the ``coarser`` lattice."""
+        """Return whether the folded share exceeds .005, and that of ``coarser`` times .4 for each halving from it."""
         share = self.normal_spread.unresolved_share
         halvings = np.log2(coarser.spacing / self.spacing)
         return bool(

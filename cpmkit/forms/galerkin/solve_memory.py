@@ -78,7 +78,7 @@ class SolveMemory:
     def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
         """Return the bytes at the peak of a solve with ``solver`` for so many ``unknowns``.
 
-        If ``work``, that of a coarser solve, has more samples than usual, so many samples are assumed.
+        It assumes the usual number of samples, or that of ``work``, of a coarser solve, if it is larger.
         """
         usual = SAMPLES_PER_UNKNOWN[self.degree] * unknowns
         return self.bytes_with_samples(unknowns, solver, usual if work is None else max(usual, float(work.samples)))
@@ -116,10 +116,9 @@ class SolveMemory:
         return 1e6 + used
 
     def check_samples_fit(self) -> None:
-        """Raise if samples and matrices need more memory than there is, or nodes cannot be numbered.
+        """Raise ResolutionError if samples and matrices do not fit into memory, or nodes cannot be numbered.
 
-        The manifold is measured only if a manifold much folded in the same bounding box would not fit. Raises
-        ResolutionError if memory or numbers do not suffice; for memory the message has a spacing that would fit.
+        The manifold is measured only if a manifold much folded in the same bounding box would not fit.
         """
         spacing, bounds = self.options.spacing, np.asarray(self.scene.surface.bounds, dtype=np.float64)
         check_numbered(bounds - lattice_of(self.scene.surface, spacing, self.options.origin).origin, spacing)
@@ -130,10 +129,7 @@ class SolveMemory:
             self.check_fits(self.expected_unknowns(), "multigrid")
 
     def check_fits(self, unknowns: float, solver: str) -> None:
-        """Raise if a solve needs more memory than this process may have.
-
-        Raises ResolutionError if it does; the message has a spacing that would fit, and the solver that needs less.
-        """
+        """Raise ResolutionError, with a spacing that fits and a smaller solver, if a solve exceeds the memory limit."""
         needed, fitting = self.peak_bytes(unknowns, solver), partial(self.fitting_spacing, solver)
         check_spacing_fits(needed, unknowns, self.options.spacing, fitting, solver, "multigrid")
 

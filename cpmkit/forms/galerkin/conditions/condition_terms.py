@@ -48,7 +48,7 @@ class AddedTerms:
     data: list[tuple[Data, Floats, str]]
 
     def loads(self, channels: int, time: float | None) -> Floats:
-        """Return the load (n, channels) of these terms, with data at ``time``; None if no data depend on time."""
+        """Return the load (n, channels) of these terms with data at ``time``, which is None in steady problems."""
         values = [evaluate_data(data, points, channels, label, time) for data, points, label in self.data]
         return np.asarray(self.load @ np.concatenate(values))
 
@@ -80,7 +80,7 @@ class ConditionTerms:
         return sum((terms.matrix for terms in self._terms), csr_array((n, n))).tocsr()
 
     def load(self, channels: int, time: float | None = None) -> Floats:
-        """Return the load (n, channels) of all conditions, with data at ``time``; None if no data depend on time."""
+        """Return the load (n, channels) of all conditions with data at ``time``, which is None in steady problems."""
         zero = np.zeros((self.values.shape[1], channels))
         return sum((terms.loads(channels, time) for terms in self._terms if terms.data), zero)
 

@@ -46,8 +46,7 @@ class TipDisc:
     curvature: float  #: The boundary's curvature at the tip.
     radius: float  #: Radius R of the disc; zero before it is known.
     cells: Ints  #: (k,): the cells of the mesh in the disc, ascending.
-    #: (k,): the side of each cell: behind the tip 1 to the left of the boundary and -1 to its right, ahead of the tip
-    #: 0.
+    #: (k,): the side of each cell: behind the tip 1 left of the boundary and -1 right of it, ahead of the tip 0.
     sides: Ints
 
     def coordinates(self, points: Floats) -> tuple[Floats, Floats]:
@@ -203,7 +202,7 @@ class SingularFunction:
     def values(self, points: Floats, cells: Ints) -> tuple[Ints, Floats]:
         """Return the numbers (k,) of the ``points`` (q, d) inside the disc, and the values (k,) of psi there.
 
-        The points lie in the mesh ``cells`` (q,).
+        The points, relative to the lattice's origin, lie in the mesh ``cells`` (q,).
         """
         rows, r, t = self._polar(points, cells)
         bump = (1 - (r / self.disc.radius) ** 2) ** 3
@@ -212,7 +211,7 @@ class SingularFunction:
     def slopes(self, points: Floats, cells: Ints) -> tuple[Ints, Floats]:
         """Return the numbers (k,) of the ``points`` (q, d) inside the disc, and the gradients (k, d) of psi there.
 
-        The points lie in the mesh ``cells`` (q,). The gradients are those of psi as constant along normals.
+        The points, relative to the lattice's origin, lie in ``cells`` (q,); psi is constant along normals.
         """
         disc, power = self.disc, abs(self.frequency)
         rows, r, t = self._polar(points, cells)

@@ -118,7 +118,10 @@ def _is_subdivided(cells: Ints, inside: Bools, regions: Regions, level: int) -> 
 
 
 def representations(levels: Sequence[LevelSplines], cap: int) -> list[SparseMatrix]:
-    """Return the representations R_l (n_l, n), l = 0 to ``cap``, for the space whose finest level is ``cap``."""
+    """Return the representations R_l (n_l, n), l = 0 to ``cap``, for the space whose finest level is ``cap``.
+
+    R_l maps coefficients of the n active splines, level by level, to those of the n_l splines of level l.
+    """
     actives = [level.candidates if number == cap else level.active for number, level in enumerate(levels[: cap + 1])]
     starts = np.cumsum([0, *(int(active.sum()) for active in actives)])
     matrices: list[SparseMatrix] = []

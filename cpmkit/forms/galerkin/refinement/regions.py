@@ -195,7 +195,7 @@ def _samples_of_level(
 
 
 def shift_of(spacing: float, level: Any) -> Any:
-    """Return the distance along each axis from node 0 of the lattice of ``level`` (integers) to node 0 of level 0."""
+    """Return the distance along each axis from node 0 of ``level`` (integers) to node 0 of level 0, of ``spacing``."""
     return 0.5 * spacing * (1 - 0.5**level)
 
 

@@ -114,10 +114,7 @@ def values_at_samples(space: SplineSpace, u: Floats, some: slice | Ints = EVERY_
 
 
 def gradients_at_samples(space: SplineSpace, u: Floats, some: slice = EVERY_SAMPLE) -> Floats:
-    """Return the tangential gradients (q, channels, d) at the samples ``some``.
-
-    ``u`` (n, channels) are the coefficients of the splines.
-    """
+    """Return the tangential gradients (q, channels, d) at samples ``some`` for the coefficients ``u`` (n, channels)."""
     dof_map, samples, patch = space.dof_map, space.samples, space.dof_map.patch[some]
     gradients = np.empty((len(patch), u.shape[1], dof_map.dim))
     sample_arrays = patch, *_spline_count_tuples(space), samples.places[some], samples.directions[some]
@@ -154,7 +151,7 @@ def energy_data(
 
 
 def stabilisation_data(space: SplineSpace, a: Floats | float, stabilisation: Stabilisation) -> Floats:
-    """Return the entries (z,) of the penalty on derivatives along normals, with factor ``a``, without the energy."""
+    """Return the entries (z,) of the penalty on derivatives along normals alone, with ``a``, (q,) or a number."""
     d = space.samples.places.shape[1]
     return _sum_energy(space, _as_array(a), np.zeros((1, d, d)), np.zeros(0), stabilisation)
 
@@ -173,7 +170,7 @@ def _sum_energy(
 
 
 def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisation, data: Floats) -> None:
-    """Add the ghost penalty, with coefficient ``a`` at the samples, to the matrix entries ``data`` (z,).
+    """Add the ghost penalty, with the :func:`scalar_coefficient` of ``a``, to the entries ``data`` (z,), in place.
 
     It is g a h^(m - 2) times the sum of squared differences of order degree + 1 along the runs of the space, and of
     order degree along its short runs: sequences of neighbouring unknowns along an axis. The manifold has dimension m.
@@ -185,12 +182,12 @@ def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisati
 
 
 def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Floats) -> None:
-    """Add the floor, a penalty on differences of unknowns with little energy, to the matrix entries ``data`` (z,).
+    """Add the floor, a penalty on differences of unknowns with little energy, to the entries ``data`` (z,), in place.
 
-    It is proportional to ``a``. ``diagonal`` (n,) is that of the energy, without ghost penalty and conditions. The
-    differences are along the lines through these unknowns inside a patch. For splines of degree 1 these would penalise
-    slopes: then the floor is on second differences along runs, and only beside boundaries, since elsewhere it would
-    only cost iterations.
+    It is proportional to the :func:`scalar_coefficient` of ``a``. ``diagonal`` (n,) is that of the energy, without the
+    ghost penalty and conditions. The differences are along the lines through these unknowns inside a patch. For splines
+    of degree 1 these would penalise slopes: then the floor is on second differences along runs, and only beside
+    boundaries, since elsewhere it would only cost iterations.
     """
     means = space.means_at_unknowns(scalar_coefficient(space, a))
     ratio = diagonal / means
@@ -211,7 +208,8 @@ def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Flo
 def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Floats) -> None:
     """Add squared differences of order k - 1 along ``runs`` (r, k), times ``factors`` (r,), to the entries ``data``.
 
-    Each run is a sequence of k unknowns along an axis; ``data`` (z,) are those of a matrix of the space.
+    Each run is a sequence of k unknowns along an axis; ``data`` (z,), changed in place, are those of a matrix of the
+    space.
     """
     by_unknown = inverse_index(runs.ravel(), space.dof_map.size)
     matrix = space.indptr, space.indices, data
@@ -219,10 +217,7 @@ def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Float
 
 
 def scalar_coefficient(space: SplineSpace, a: Floats | float) -> Floats:
-    """Return a scalar coefficient (q,) at the samples, or (1,) where it is constant.
-
-    A tensor (q, d, d) is replaced by its mean over tangents.
-    """
+    """Return ``a`` at samples as scalars (q,), or (1,) for a number: of tensors (q, d, d) the mean over tangents."""
     return _as_array(a) if np.ndim(a) < 3 else mean_over_tangents(np.asarray(a), space.samples.normals)
 
 

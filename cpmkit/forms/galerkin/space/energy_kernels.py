@@ -37,7 +37,7 @@ SWEEP = 8
 
 @compiled
 def fill_value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, weight: float) -> None:
-    """Fill two rows of ``forms`` with the splines at (x, y, z) in the cell, and with ``weight`` times these."""
+    """Fill two rows of ``forms`` with the splines at (x, y, z), then times ``weight``, as `fill_sample_forms` does."""
     room = row_length(splines)
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
@@ -50,7 +50,7 @@ def fill_value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, 
 def fill_second_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
-    """Fill two rows of ``forms`` with second derivatives along ``n`` of splines at (x, y, z), then times ``weight``."""
+    """Fill two rows with second derivatives along ``n``, then times ``weight``; arguments as of `fill_sample_forms`."""
     room, (nx, ny, nz) = row_length(splines), n
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
@@ -81,8 +81,9 @@ def fill_sample_forms(
 ) -> None:
     """Fill five pairs of rows of ``forms``: the slopes of the splines, their second derivatives, and their values.
 
-    The first three pairs are the slopes along each axis at ``place`` (x, y, z), and the symmetric ``tensor``, given by
-    its entries xx, xy, xz, yy, yz and zz, times these. Then follow the pairs of `fill_second_form` along ``n``, with
+    Rows have `row_length` entries, one for each spline of the cell. The first three pairs are the slopes along each
+    axis at ``place`` (x, y, z), coordinates in [0, 1] in the cell, and the symmetric ``tensor`` times these, given by
+    its entries xx, xy, xz, yy, yz and zz. Then follow the pairs of `fill_second_form` along ``n``, with
     ``second_weight``, and of `fill_value_form`, with ``value_weight``. ``kind`` is 0 in the plane and 1 in space.
     """
     room, (x, y, z), (nx, ny, nz) = row_length(splines), place, n
@@ -115,7 +116,7 @@ def fill_sample_forms(
 def fill_third_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
-    """Fill two rows of ``forms`` with third derivatives along ``n`` of splines at (x, y, z), then times ``weight``."""
+    """Fill two rows with third derivatives along ``n``, then times ``weight``; arguments as of `fill_sample_forms`."""
     room, (nx, ny, nz) = row_length(splines), n
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)

@@ -102,7 +102,7 @@ class FunctionSpace:
         return self.restrict_rows(value_rows(self.dof_map, patch, points))
 
     def spline_derivative_rows(self, patch: Ints, points: Floats, directions: Floats) -> SparseMatrix:
-        """Return the matrix (k, spline_count) of spline derivatives along ``directions`` (k, d) at ``points``."""
+        """Return the matrix (k, spline_count) of derivatives along ``directions``, at points (k, d) in patches (k,)."""
         return self.restrict_rows(derivative_rows(self.dof_map, patch, points, directions))
 
     def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> SparseMatrix:
@@ -165,7 +165,8 @@ class FunctionSpace:
     def stiffness(self, a: Floats, c: Floats | None, scale: Floats | None = None) -> SparseMatrix:
         """Return the integrals of a grad u . grad v + c u v over the splines, with stabilisation and floor.
 
-        ``a``, ``c`` and ``scale`` as of :func:`cpmkit.forms.galerkin.space.energy.stiffness_with_floor`.
+        At the samples ``a`` is (q,), (q, d, d) or (1,), ``c`` (q,) or (1,), and ``scale`` (q,) the coefficient to which
+        stabilisation and floor are proportional, by default ``a``.
         """
         return self.restrict_matrix(energy.stiffness_with_floor(self.splines, a, self.stabilisation, c, scale))
 
@@ -208,11 +209,10 @@ class FunctionSpace:
         return RowGroups.from_numbers(*connected_components(self.projection_matrix, directed=False))
 
     def solve_projection(self, loads: Floats) -> Floats:
-        """Return the solutions u (n, k) of (M + h^2 S) u = ``loads``.
+        """Return the solutions u (n, k) of (M + h^2 S) u = ``loads``, to relative residuals of 1e-13.
 
-        The ``loads`` (n, k) are integrals of k functions times each function of the space. The condition number stays
-        below about 200 at any spacing, so that diagonally preconditioned conjugate gradients are faster than a
-        factorisation.
+        ``loads`` (n, k) are integrals of k functions times each function of the space. Condition numbers are below 200
+        at any spacing: diagonally preconditioned conjugate gradients are faster than a factorisation.
         """
         u, inverse_diagonal = np.zeros_like(loads), 1 / self.projection_matrix.diagonal()[:, None]
         columns = np.flatnonzero(np.any(loads != 0, axis=0))

@@ -32,8 +32,7 @@ def two_scale_rows(
     ``n``: number of finer unknowns.
     ``parent`` (p,): the coarser patch that contains each finer patch.
     ``coarse_cells``, ``coarse_unknowns``: lattice cells of the coarser patches, and the unknowns that they read.
-    ``shares`` (degree + 2,): coefficients of the two-scale relation: a coarser spline as a sum of finer splines, along
-        an axis.
+    ``shares`` (degree + 2,): coefficients of a coarser spline as a sum of finer splines, along an axis.
     """
     p, d = cells.shape
     width, along = unknowns.shape[1], len(shares) - 1

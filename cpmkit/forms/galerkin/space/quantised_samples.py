@@ -87,7 +87,7 @@ class QuantisedSamples:
         return np.concatenate([np.repeat(cells, np.diff(self.cell_starts)), self.further_cells])
 
     def points_at(self, rows: slice | Ints) -> Floats:
-        """Return the points (..., d) of the samples ``rows`` (...)."""
+        """Return the points (..., d), relative to the lattice's origin, of the samples ``rows`` (...)."""
         places, patch = self.places[rows], self.dof_map.patch[rows]
         points = np.empty(places.shape)
         flat = places.reshape(-1, places.shape[-1])

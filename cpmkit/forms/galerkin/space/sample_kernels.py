@@ -108,10 +108,7 @@ def fill_spline_slopes(t: float, width: int, slopes: Floats) -> None:
 
 @inlined
 def gather_coefficients(unknowns: Ints, u: Floats, of_patch: Floats) -> None:
-    """Fill ``of_patch`` (channels w,) with the coefficients in ``u`` (n, channels) that a patch reads, by channel.
-
-    The splines are evaluated with them at its samples; ``unknowns`` (w,) are their numbers.
-    """
+    """Fill ``of_patch`` (channels w,), by channel, with the rows ``unknowns`` (w,) of a patch in ``u``."""
     width = len(unknowns)
     for channel in range(u.shape[1]):
         for place in range(width):

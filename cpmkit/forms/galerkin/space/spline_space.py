@@ -74,7 +74,7 @@ def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> SparseMatrix:
 def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Floats) -> SparseMatrix:
     """Return the matrix (k, n) that evaluates the derivative of u along ``directions`` (k, d) at ``points`` (k, d).
 
-    Each point is evaluated by the splines that its ``patch`` (k,) reads.
+    Each point, relative to the origin of the lattice, is evaluated by the splines that its ``patch`` (k,) reads.
     """
     t = _cell_coordinates(dof_map, patch, points)
     along = directions * dof_map.magnification(patch)[:, None] / dof_map.spacing
