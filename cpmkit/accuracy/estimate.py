@@ -89,8 +89,8 @@ def _is_unresolved(solution: SolutionRecord) -> bool:
 def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
     """Return the error of the steps in time, as a share of the range, from a further solve with twice the step.
 
-    ``solve_at`` makes this solve. The error hardly depends on the spacing, so a coarse solution suffices. 0 for
-    equations without time, and if twice the step exceeds the duration.
+    ``solve_at`` makes this solve, on the lattice of ``solution``. The error hardly depends on the spacing, so a coarse
+    solution suffices. 0 for equations without time, and if twice the step exceeds the duration.
     """
     problem: Any = solution.scene.problem
     if problem.family != "time" or 2 * problem.step > problem.duration:

@@ -130,7 +130,7 @@ def write_png(path: str | Path, colours: Any) -> Path:
     Raises
     ------
     InputError
-        If the name does not end in ``.png``, or the colours are not of this shape or not finite.
+        If the name does not end in ``.png``, the colours are not of this shape or finite, or it cannot be written.
     """
     import numpy as np
 
@@ -232,9 +232,9 @@ def _folder_text(folder: Path) -> str:
 
 
 def _fetch_mesh(name: str) -> Path | None:
-    """Return the path of an example mesh, downloaded into the cache; None without the package pooch or a connection.
+    """Return the path of the mesh ``name`` of :data:`KNOWN_MESHES`, downloaded into the cache, or None.
 
-    Raises InputError if the checksum is wrong.
+    It is None without the package pooch or a connection. Raises InputError if the checksum is wrong.
     """
     try:
         import pooch

@@ -49,7 +49,7 @@ class Evolution(Equation[TimeFamily]):
         return self.until - self.t0
 
     def with_scheme(self, explicit_steps: bool) -> Self:
-        """Return the equation unchanged; :class:`Wave` chooses by ``explicit_steps`` in place of the scheme "auto"."""
+        """Return the equation unchanged; :class:`Wave` replaces "auto" by whether the form takes explicit steps."""
         del explicit_steps
         return self
 
@@ -250,7 +250,7 @@ class Wave(Evolution):
     schemes: ClassVar[tuple[str, ...]] = ("auto", "newmark", "implicit", "leapfrog")
 
     def with_scheme(self, explicit_steps: bool) -> Wave:
-        """Return the equation with scheme "auto" replaced: leapfrog if ``explicit_steps`` is True, else Newmark."""
+        """Return the equation with scheme "auto" replaced: leapfrog if the form takes explicit steps, else Newmark."""
         default = "leapfrog" if explicit_steps else "newmark"
         return replace(self, scheme=default) if self.scheme == "auto" else self
 

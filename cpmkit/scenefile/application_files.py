@@ -25,7 +25,7 @@ from cpmkit.types import Floats
 def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
     """Return the keyword arguments of ``vector_field`` on ``scene`` from the tables [[direction]] and [vectors].
 
-    Files are searched first in ``folder``. Raises SceneError if there is no direction, or a key or value is not
+    Files are searched first in ``folder``. Raises InputError if there is no direction, or a key or value is not
     accepted.
     """
     options = _application_options(tables, "vectors")
@@ -46,7 +46,7 @@ def _direction_pair(table: dict[str, Any], number: int, scene: Scene, folder: Pa
     """Return the pair (places, vectors) that the ``table`` [[direction]] ``number`` describes.
 
     It is points and their vectors, or a curve and its direction, or a curve and a table of the directions left and
-    right of it. Files are searched first in ``folder``. Raises SceneError if a key or value is not accepted.
+    right of it. Files are searched first in ``folder``. Raises InputError if a key or value is not accepted.
     """
     where, dim = f"[[direction]] {number}", scene.surface.dim
     if "at" in table:
@@ -81,7 +81,7 @@ def _read_direction(value: Any, dim: int, label: str) -> Any:
 def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
     """Return the keyword arguments of ``harmonic_map``, and ``texture``, from [target], [[landmark]] and [map].
 
-    Landmarks are on the surface of ``scene``; files are searched first in ``folder``. Raises SceneError if a table is
+    Landmarks are on the surface of ``scene``; files are searched first in ``folder``. Raises InputError if a table is
     missing, or a key or value is not accepted.
     """
     if "target" not in tables:
@@ -118,7 +118,7 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
 def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
     """Return {"curves": {name: (source, colours of both sides, or by side)}} for ``diffusion_curves``, from [[curve]].
 
-    Files are searched first in ``folder``. Raises SceneError if a name of curves repeats, or an entry is not accepted.
+    Files are searched first in ``folder``. Raises InputError if a name of curves repeats, or an entry is not accepted.
     """
     curves: dict[str, Any] = {}
     for number, table in list_of_tables(tables, "curve"):
@@ -141,7 +141,8 @@ def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
     """Return the colours on a side of a curve, as ``diffusion_curves`` takes them; None for zero flux.
 
     A formula becomes a function of points (n, dim); a name of a .npy or .csv file, searched first in ``folder``, its
-    path; other values are unchanged. Raises SceneError, with ``label``, for any other table.
+    path; other values are unchanged. Raises SceneError, with ``label``, for any other table, InputError if a file is
+    missing.
     """
     if isinstance(value, dict):
         if value == {"neumann": 0}:
@@ -166,8 +167,7 @@ def _points(value: Any, dim: int, label: str) -> Floats:
 def load_application(path: str | Path, command: str) -> scene_files.SceneFile:
     """Return the contents of a scene file for the application ``command``: ``vectors``, ``map`` or ``paint``.
 
-    Raises SceneError if the file is missing, does not parse, or has a key or value that is not accepted. Raises
-    PluginError if no installed plugin has a kind that the file names.
+    Raises errors as :func:`cpmkit.scenefile.scene_files.load_scene`.
     """
     like = f", such as one that `cpmkit examples` lists as applications/{command}-...toml"
     return read_toml(path, partial(_application_file, command), "scene file", like)

@@ -187,7 +187,7 @@ def _read_tensor(value: Any, dim: int, where: str) -> Any:
 def read_vector(value: Any, dim: int, where: str, count: int | None = None) -> Any:
     """Return the function of points given as a list with a number or formula for each of ``count`` components.
 
-    By default these are the ``dim`` coordinates of a vector. Raises SceneError, with the name ``where``, if the list
+    By default these are the ``dim`` coordinates of a vector. Raises InputError, with the name ``where``, if the list
     has another length, or an entry is not accepted or depends on t.
     """
     count = dim if count is None else count

@@ -161,7 +161,7 @@ def read_source(
 
     Files are searched first in ``folder``. ``surface`` is given for a boundary, whose source receives it as an argument
     if it takes a surface and the table has no surface, file or vertices. Raises SceneError, with the table's name
-    ``where``, if the kind, a key or its value is not accepted, PluginError if the kind is not installed.
+    ``where``, if the kind or a key is not accepted, InputError for a value, PluginError if the kind is not installed.
     """
     kind = table.pop("kind", None)
     if not isinstance(kind, str):

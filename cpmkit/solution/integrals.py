@@ -126,8 +126,8 @@ BEYOND_RIM_SPACINGS = 0.25
 def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> tuple[Floats, Floats]:
     """Return quadrature points (n, d) on ``surface`` along the boundary ``source``, and weights (n,).
 
-    Weights are lengths or areas, 1 for a boundary of points. If ``source`` has a mesh, for ``spacing``, the rule is
-    that of its curved cells; else the points are closest points of lattice nodes around the boundary.
+    Weights are lengths or areas, 1 for points of a source with a mesh. If ``source`` has a mesh, for ``spacing``, the
+    rule is that of its curved cells; else the points are closest points of lattice nodes around the boundary.
     """
     dim = source.manifold_dim or 0
     if not isinstance(source, HasMesh):
