@@ -75,7 +75,8 @@ class FormOperators(ABC):
     def check(self, solver: str) -> None:
         """Raise if the form cannot solve the problem by the linear solver named ``solver``; by default never raise.
 
-        Raises InputError, SceneError, or, with a spacing that would do, ResolutionError for too much memory or spacing.
+        Raises InputError, SceneError, or ResolutionError if memory does not suffice or the spacing is too coarse, with
+        a spacing that would do.
         """
 
     def with_scene(self, scene: Scene) -> Self:
@@ -203,7 +204,7 @@ class FormValues(FormOperators):
 
         ``label`` is the name of the data in errors; ``time`` is also that of the conditions' data. Two arguments are
         ignored by default: ``in_range``, whether the unknowns stay within the range of data that the spacing does not
-        resolve, and ``step``: if above 0, ``data`` are rates du/dt, and conditions' data are differenced over it.
+        resolve, and ``step``: if above 0, ``data`` are rates du/dt, those of conditions differences over it.
         """
         return self.project(self.data_at_points(data, label, time, self.scene.channels), time=time)
 
@@ -246,7 +247,7 @@ class FormValues(FormOperators):
     ) -> Floats:
         """Return du/db (k, channels), b outwards, at the points of a boundary's side nearest to ``points`` (k, d).
 
-        b is the conormal, out of ``side``. Without a ``boundary`` it is that of the edge. By default raises InputError.
+        b is the conormal, out of ``side``. Without a ``boundary`` the edge is meant. By default raises InputError.
         """
         place = "the edge" if boundary is None else f"boundary {boundary!r}"
         raise InputError(f"the form {self.form!r} evaluates no flux through {place}.")

@@ -252,7 +252,7 @@ class Galerkin(EquationAssembly, Discretized):
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
-        """Return du/db (k, channels), b out of ``side``, at ``points`` (k, d) on ``boundary``, for None on the edge."""
+        """Return du/db (k, channels), b out of ``side``, at ``points`` (k, d) of ``boundary``; None means the edge."""
         return self.coefficients.conormal_derivative(u, points, boundary, side, self.scene)
 
     def signed_distance(self, name: str, points: Any) -> Floats:

@@ -252,7 +252,7 @@ def _repaired_cells(
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[Boundary], spacing: float) -> None:
-    """Raise SceneError if a boundary is not in the mesh, three spacings off, or on one with other conditions."""
+    """Raise SceneError if a boundary is not in the mesh, over 3 spacings away, or on one with other conditions."""
     for number, gap in insertion.max_distances.items():
         if gap > AWAY_SPACINGS * spacing:
             raise SceneError(

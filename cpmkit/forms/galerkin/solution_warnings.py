@@ -36,7 +36,8 @@ def crossing_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[st
     """Yield a warning if boundaries on a surface differ at their first common vertex: no spacing resolves the jump.
 
     On a sphere at h = 0.2 and 0.1, two great circles with the values 1 and 2 left errors of 0.3 within half a spacing
-    of the crossing, 0.05 from one to two spacings away, 0.006 at four and 0.001 at eight.
+    of the crossing, 0.05 from one to two spacings away, 0.006 at four and 0.001 at eight. The ``mesh`` is relative to
+    the lattice's origin.
     """
     if mesh.manifold_dim == 1 or not len(mesh.cut):
         return
@@ -65,7 +66,7 @@ def tip_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
     """Yield warnings on boundaries that end inside a surface with different values on their sides.
 
     On a sphere at h = 0.2 and 0.1, an arc with the values 1 and -1 left errors of 0.4 within half a spacing of its
-    ends, 0.1 from one to two spacings away and 0.02 at four.
+    ends, 0.1 from one to two spacings away and 0.02 at four. The ``mesh`` is relative to the lattice's origin.
     """
     if mesh.manifold_dim == 1:
         return

@@ -93,7 +93,7 @@ class TipDiscFinder:
         return owner
 
     def find_disc(self, tip: int, boundary: int) -> TipDisc:
-        """Return the disc around the vertex ``tip``, an end of the boundary number ``boundary``."""
+        """Return the disc around the vertex ``tip``, an end of boundary number ``boundary``; it may be very small."""
         frame = self._frame(tip, boundary)
         cells = np.flatnonzero(~self._is_tilted(frame))
         piece = self._pieces(cells)

@@ -57,7 +57,7 @@ class Regions:
         return level_of_point
 
     def with_subdivided(self, levels: Ints, cells: Ints, most: int) -> Regions:
-        """Return regions in which also the ``cells`` (k, d) of ``levels`` (k,), below ``most``, are subdivided.
+        """Return regions in which also the ``cells`` (k, d) of ``levels`` (k,) from 0 to ``most`` - 1 are subdivided.
 
         Their neighbours are subdivided too, and coarser cells until neighbouring cells differ by at most one level.
         """
