@@ -29,6 +29,9 @@ import cpmkit as ck
 #: Profiles of radii and heights: a cylinder with caps, and a cone without its base.
 CYLINDER = np.array([[0, 0], [0.5, 0], [0.5, 1], [0, 1.0]])
 CONE = np.array([[0, 1], [0.5, 0.0]])
+#: Outlines of a bracket and of a gear wheel of 8 teeth.
+BRACKET = np.array([[-0.3, -0.3], [1.0, -0.3], [1.0, 0.3], [0.3, 0.3], [0.3, 1.0], [-0.3, 1.0]])
+GEAR = np.repeat([[0.75, 1.0] * 8], 2)[:, None] * [[np.cos(k * np.pi / 16), np.sin(k * np.pi / 16)] for k in range(32)]
 #: Half the distance of the centres of the two unit balls of the lens.
 HALF = 0.7
 
@@ -77,16 +80,25 @@ def cube() -> SmallScene:
     return _body(mesh(np.linspace(0, 1, 2)), lambda: mesh(graded_places([0, 1], 0.03)))
 
 
+def _divided(points: Any, parts: int) -> Any:
+    """Return ``points`` (n, ...) with each step from one to the next in so many equal parts."""
+    share = (np.arange(parts) / parts).reshape(-1, *[1] * (points.ndim - 1))
+    return np.concatenate([*(a + share * (b - a) for a, b in pairwise(points)), points[-1:]])
+
+
+def _grid_mesh(points: Any) -> tuple[Any, Any]:
+    """Return the mesh of a grid of points (r, c, 3), of which equal ones are one vertex."""
+    rows, columns = map(np.arange, points.shape[:2])
+    flat, faces = rectangle_cells(rows, columns, lambda x, y: np.ones(len(x), dtype=bool))
+    return _merged([(points[tuple(flat.astype(int).T)], faces)])
+
+
 def _turned_profile(radii: Any, heights: Any, sides: int, parts: int) -> tuple[Any, Any]:
     """Return the prism-like surface of a profile turned about z, with so many flat sides, each in so many parts."""
     turns = 2 * np.pi * np.arange(sides + 1) / sides
-    corners = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    share = (np.arange(parts) / parts)[:, None]
-    ring = np.concatenate([a + share * (b - a) for a, b in pairwise(corners)] + [corners[:1]])
-    flat, faces = rectangle_cells(np.arange(len(radii)), np.arange(len(ring)), lambda x, y: np.ones(len(x), dtype=bool))
-    row, place = flat.astype(int).T
-    vertices = np.concatenate([radii[row][:, None] * ring[place], heights[row][:, None]], axis=1)
-    return _merged([(vertices, faces)])
+    ring = _divided(np.stack([np.cos(turns), np.sin(turns)], axis=1), parts)
+    upright = np.broadcast_to(heights[:, None, None], (len(radii), len(ring), 1))
+    return _grid_mesh(np.concatenate([radii[:, None, None] * ring, upright], axis=2))
 
 
 def _profile(stops: Any, step: float) -> tuple[Any, Any]:
@@ -99,6 +111,22 @@ def _profile(stops: Any, step: float) -> tuple[Any, Any]:
 def turned_body(stops: Any) -> SmallScene:
     """Return the surface of 64 flat sides of a profile (k, 2) of radii and heights."""
     return _body(_turned_profile(*_profile(stops, 0.1), 64, 1), lambda: _turned_profile(*_profile(stops, 0.02), 64, 3))
+
+
+def bored_prism(outline: Any, radius: float, height: float) -> SmallScene:
+    """Return a prism with a bore around the z axis, from which all of its ``outline`` (k, 2) is seen.
+
+    The bore has flat sides: one for each step of .1 along the outline.
+    """
+    flat = np.stack(_profile(outline[[*range(len(outline)), 0]], 0.1), axis=1)
+    bore = radius * flat / np.linalg.norm(flat, axis=1)[:, None]
+    loops = (bore, height), (flat, height), (flat, 0.0), (bore, 0.0), (bore, height)
+    rings = np.stack([np.insert(loop, 2, z, axis=1) for loop, z in loops])
+
+    def mesh(parts: int) -> tuple[Any, Any]:
+        return _grid_mesh(_divided(_divided(rings, 8 * parts).swapaxes(0, 1), parts).swapaxes(0, 1))
+
+    return _body(mesh(1), lambda: mesh(3))
 
 
 def _by_galerkin(source: Any, points: Any, load: Function, spacing: float) -> SmallScene:

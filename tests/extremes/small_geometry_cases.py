@@ -7,7 +7,18 @@ from dataclasses import dataclass
 from functools import partial
 
 from extremes.envelope_scenes import u_turn_line
-from extremes.small_bodies import CONE, CYLINDER, cube, lens, real_mesh, smooth_control, turned_body
+from extremes.small_bodies import (
+    BRACKET,
+    CONE,
+    CYLINDER,
+    GEAR,
+    bored_prism,
+    cube,
+    lens,
+    real_mesh,
+    smooth_control,
+    turned_body,
+)
 from extremes.small_geometry import (
     SmallScene,
     bent_sheet,
@@ -173,21 +184,27 @@ def _plates() -> list[Case]:
     return [*cases, Case("L", "plates", lambda: plate(ell()))]
 
 
-#: Two spacings of each mesh, for about 3,000 and 6,000 unknowns, and a smaller one for errors at equal unknowns.
+#: Two spacings of each mesh, for 3,000 to 5,000 and for about 6,000 unknowns, and a smaller one for errors at equal
+#: unknowns.
 MESH_SPACINGS = {
     "spot": (0.104, 0.073, 0.052),
     "fish": (0.085, 0.06, 0.042),
     "koala": (0.091, 0.064, 0.045),
     "nefertiti-lowres": (0.094, 0.066, 0.047),
+    "bracket": (0.13, 0.095, 0.065),
+    "gear": (0.16, 0.13, 0.07),
 }
-#: The spacing of the true solutions on these meshes.
+#: Those of mechanical parts.
+PARTS = {"bracket": partial(bored_prism, BRACKET, 0.15, 0.6), "gear": partial(bored_prism, GEAR, 0.3, 0.3)}
+#: The spacing of the true solutions on the others.
 TRUTH_SPACING = 0.0125
 
 
 def _meshes() -> list[Case]:
     return [
-        Case(f"{name}, h = {spacing:g}", "meshes", partial(real_mesh, name, TRUTH_SPACING), spacing, spacings, (), name)
+        Case(f"{name}, h = {spacing:g}", "meshes", make, spacing, spacings, (), name)
         for name, spacings in MESH_SPACINGS.items()
+        for make in [PARTS.get(name) or partial(real_mesh, name, TRUTH_SPACING)]
         for spacing in spacings[:2]
     ]
 

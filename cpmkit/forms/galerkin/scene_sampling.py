@@ -170,7 +170,7 @@ def sample_inserted(
     mesh = curve_cells(mesh, geometry, surface, inserted.sources, spacing)
     is_uncut = geometry != "closest_point" and not len(mesh.cut)  # repaired cells have distinct vertices
     of_boundaries = mesh.cells if is_uncut else cut_corners(mesh)
-    cut, corners = _with_ties(mesh, of_boundaries, spacing, smooth=geometry == "normals")
+    cut, corners = _with_ties(mesh, of_boundaries, spacing)
     half, winding = half_facets(cut), mesh.winding
     warnings += tuple(seam_warnings(seam_midpoints(mesh, half), surface, geometry))
     terms = scene.problem.terms()
@@ -211,12 +211,12 @@ def sample_inserted(
     )
 
 
-def _with_ties(mesh: Mesh, corners: Ints, spacing: float, smooth: bool) -> tuple[Mesh, Ints]:
+def _with_ties(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Mesh, Ints]:
     """Return a mesh cut at creases, junctions and between charts too, and the vertices (m, k) of its cells then.
 
-    ``corners`` (m, k) are those of the mesh cut along boundaries; with ``smooth`` cells are read as a smooth manifold.
+    ``corners`` (m, k) are those of the mesh cut along boundaries.
     """
-    creases = crease_facets(mesh, spacing, smooth)
+    creases = crease_facets(mesh, spacing)
     if len(creases):
         mesh = with_ties(mesh, creases, CREASE_OWNER)
         corners = cut_corners(mesh)

@@ -36,20 +36,22 @@ TOUCHING_SPACINGS = 0.5
 
 
 def mesh_warnings(mesh: TriangleMesh) -> tuple[str, ...]:
-    """Return warnings that hold at any spacing: repairs, several components, and edges of three or more triangles."""
+    """Return warnings that hold at any spacing and in any form: repairs, and several components."""
     count = int(mesh.component.max()) + 1
     several = [f"The mesh has {count} pieces that share no edge; each is solved by itself."] if count > 1 else []
-    return (*mesh.repaired.notes, *several, *_nonmanifold_warnings(mesh))
+    return (*mesh.repaired.notes, *several)
 
 
 def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:
-    """Return warnings about touching components and long creases, near which closest points jump, at grid ``spacing``.
+    """Return warnings about touching components, long creases and junctions, where closest points jump.
 
+    ``spacing`` is that of the grid.
     Places in the sentences are in the coordinates of the mesh as the user gave it, before translations.
     """
     return (
         *_touching_warnings(mesh, spacing),
         *_crease_warnings(mesh, spacing),
+        *_nonmanifold_warnings(mesh),
     )
 
 
@@ -138,7 +140,7 @@ def _nonmanifold_warnings(mesh: TriangleMesh) -> list[str]:
     return [
         f"{len(edges)} edges of the mesh are shared by three or more triangles, the first near "
         f"{_place_of(mesh, edges[0])}: the surface branches there, u is continuous, and the form 'collocation' "
-        "may be off by tens of percent; separate the sheets if they should not meet."
+        "may be off by tens of percent; use the form 'galerkin', or separate the sheets if they should not meet."
     ]
 
 

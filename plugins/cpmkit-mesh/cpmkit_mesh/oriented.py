@@ -32,7 +32,7 @@ class OrientedTriangleMesh(TriangleMesh):
         return unit(normals)
 
     def all_warnings(self) -> tuple[str, ...]:
-        """Return a sentence for each repair, about pieces, branches, and triangles off which normals lean if smooth."""
+        """Return a sentence for each repair, about pieces, and triangles off which normals lean if smooth."""
         return (*super().all_warnings(), *support_warnings(self)) if self.smooth else super().all_warnings()
 
     def facet_normals(self, feet: ClosestPoints, /) -> Floats:

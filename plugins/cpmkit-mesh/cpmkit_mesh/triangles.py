@@ -64,7 +64,7 @@ class MeshAdvice(Advice):
 
     @cached_property
     def closest_point_warnings(self) -> tuple[str, ...]:
-        """Further warnings, for the form ``collocation`` alone: touching pieces, and long creases."""
+        """Further warnings, for the form ``collocation`` alone: touching pieces, long creases, and junctions."""
         return closest_point_warnings(self.mesh, self.spacing)
 
 
@@ -228,7 +228,7 @@ class TriangleMesh:
         return {}
 
     def all_warnings(self) -> tuple[str, ...]:
-        """Return a sentence for each repair, about several pieces, and about edges of three or more triangles."""
+        """Return a sentence for each repair, and about several pieces."""
         return mesh_warnings(self)
 
     @cached_property
