@@ -170,7 +170,7 @@ def sample_inserted(
     mesh = curve_cells(mesh, geometry, surface, inserted.sources, spacing)
     is_uncut = geometry != "closest_point" and not len(mesh.cut)  # repaired cells have distinct vertices
     of_boundaries = mesh.cells if is_uncut else cut_corners(mesh)
-    cut, corners = _with_ties(mesh, of_boundaries, spacing)
+    cut, corners = _with_ties(mesh, of_boundaries, spacing, options.own.degree)
     half, winding = half_facets(cut), mesh.winding
     warnings += tuple(seam_warnings(seam_midpoints(mesh, half), surface, geometry))
     terms = scene.problem.terms()
@@ -211,16 +211,16 @@ def sample_inserted(
     )
 
 
-def _with_ties(mesh: Mesh, corners: Ints, spacing: float) -> tuple[Mesh, Ints]:
+def _with_ties(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tuple[Mesh, Ints]:
     """Return a mesh cut at creases, junctions and between charts too, and the vertices (m, k) of its cells then.
 
-    ``corners`` (m, k) are those of the mesh cut along boundaries.
+    ``corners`` (m, k) are those of the mesh cut along boundaries, ``degree`` is that of the splines.
     """
     creases = crease_facets(mesh, spacing)
     if len(creases):
         mesh = with_ties(mesh, creases, CREASE_OWNER)
         corners = cut_corners(mesh)
-    charts, has_voids = chart_facets(mesh, corners, spacing)
+    charts, has_voids = chart_facets(mesh, corners, spacing, degree)
     if len(charts):
         mesh = with_ties(mesh, charts, VOID_OWNER if has_voids else FOLD_OWNER)
         corners = cut_corners(mesh)

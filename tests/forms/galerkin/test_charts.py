@@ -163,6 +163,16 @@ def test_a_finer_mesh_of_the_same_surface_is_cut_alike():
     assert sizes[1] == pytest.approx(sizes[0], rel=0.03)
 
 
+@pytest.mark.parametrize(("h", "shift"), [(0.104, 0.7234), (0.073, 0.1234)])
+def test_charts_of_cubic_splines_leave_matrices_definite(h, shift, real_mesh):
+    """With charts of a twentieth of a square spacing these have eigenvalues of the wrong sign."""
+    vertices, faces = ck.read_mesh(real_mesh("spot.obj"))
+    vertices = 2 * (vertices - vertices.mean(axis=0)) / np.ptp(vertices, axis=0).max()
+    scene = ck.Scene(triangles(TILT.world(vertices), faces), ck.ScreenedPoisson("x", 4.0))
+    options = {"degree": 3, "solver": "multigrid", "origin": np.full(3, shift * h)}
+    assert ck.solve(scene, h, **options).report.iterations <= 40
+
+
 BOX = [[-1.2] * 3, [1.2] * 3]
 SMOOTH = {
     "sphere": lambda: ck.source("analytic.sphere"),
