@@ -121,6 +121,8 @@ def collapse_edges(cells: Ints, ends: Ints, count: int) -> Ints:
     """
     number = np.arange(count)
     number[ends[:, 1]] = ends[:, 0]
+    while (number != number[number]).any():  # edges with a common vertex
+        number = number[number]
     cells = number[cells]
     cells = cells[(cells != np.roll(cells, 1, axis=1)).all(axis=1)]
     _, first, times = np.unique(np.sort(cells, axis=1), axis=0, return_index=True, return_counts=True)

@@ -113,9 +113,11 @@ def add_corners(source: LocalSource, graph: CurveGraph, step: float) -> CurveGra
     a, b, middle, length = a[off], b[off], middle[off], length[off]
     reach = max(1e-3 * step, 30.0 * source.noise)
     at_a, at_b = (unit(source.closest_point(x + reach * unit(y - x)).points - x) for x, y in ((a, b), (b, a)))
-    meeting, _ = _meeting_points(source, a, b, at_a, -at_b)
-    turned = (dots(at_a, -at_b) < 0.94) & (norms(meeting - middle) < length)
-    rows, meeting = off[turned], meeting[turned]
+    cosine = dots(at_a, -at_b)
+    turned = (cosine < 0.94) & (cosine > -0.9999)  # parallel tangents do not meet
+    meeting, _ = _meeting_points(source, a[turned], b[turned], at_a[turned], -at_b[turned])
+    near = norms(meeting - middle[turned]) < length[turned]
+    rows, meeting = off[turned][near], meeting[near]
     new = len(graph.vertices) + np.arange(len(rows))
     vertices = np.concatenate([graph.vertices, meeting])
     halves = np.concatenate([np.stack([graph.segments[rows, end], new], axis=1) for end in range(2)])

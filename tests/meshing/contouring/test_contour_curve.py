@@ -105,6 +105,15 @@ def test_a_segment_through_corners_of_cells():
     assert length(mesh) == pytest.approx(sqrt(3), rel=1e-12)
 
 
+@pytest.mark.parametrize("spacing", [0.1, 0.2, 0.3, 0.45])
+def test_a_step_between_parallel_lines_is_traced(spacing):
+    """The tangents at the ends of a chord over the step are parallel and meet nowhere."""
+    step = ck.source("mesh.polyline", points=[[-1, 0], [0, 0], [0, 0.1], [1, 0.1]])
+    mesh, _ = contour_curve(localize(step, np.zeros(2)), spacing)
+    steps = np.diff(mesh.vertices[mesh.cells], axis=1)[:, 0]
+    assert np.linalg.norm(steps, axis=1).sum() == pytest.approx(2.1, abs=0.11)
+
+
 def test_a_curve_inside_one_cell_is_refused():
     with pytest.raises(ResolutionError, match="lies in one cell"):
         followed(ck.source("analytic.circle", center=[0, 0], radius=0.01), 0.1)

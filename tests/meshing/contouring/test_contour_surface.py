@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 import cpmkit as ck
 from cpmkit import ClosestPoints
-from cpmkit.meshing.contouring.contour_edges import remove_small_components
+from cpmkit.meshing.contouring.contour_edges import collapse_edges, remove_small_components
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 from cpmkit.meshing.curved_from_points import curve_cells_by_closest_points
 from cpmkit.plugin import localize
@@ -235,3 +235,10 @@ def test_isolated_components_are_left_out():
     remaining, count = remove_small_components(vertices, cells[1:], cells[1:], 1.0)  # nothing else is there
     np.testing.assert_array_equal(remaining, cells[1:])
     assert count == 0
+
+
+def test_edges_with_common_vertices_collapse_to_one():
+    cells = np.array([[0, 3, 4], [1, 4, 5], [2, 5, 6]])
+    np.testing.assert_array_equal(
+        collapse_edges(cells, np.array([[0, 1], [0, 2], [1, 2]]), 7), [[0, 3, 4], [0, 4, 5], [0, 5, 6]]
+    )
