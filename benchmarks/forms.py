@@ -20,7 +20,7 @@ import numpy as np
 
 from cpmkit.errors import CpmkitError
 from cpmkit.studies.records import Record
-from cpmkit.studies.reference_values import reference_of
+from cpmkit.studies.reference_values import compute_reference
 from cpmkit.studies.run_one import make_run
 from cpmkit.studies.studyfile import Study, load_study
 from cpmkit.studies.tables import table_row, table_rule
@@ -53,7 +53,7 @@ COARSER = 1.7
 
 def compared(study: Study, spacing: float, origins: int) -> dict[str, list[Record]]:
     """Return the records of both methods at every position of the grid."""
-    truth = reference_of(study)
+    truth = compute_reference(study)
     first = replace(study.sweep, lists={}, spacings=[COARSER * spacing], cheap=None, methods=METHODS, origins=1)
     sweep = replace(first, spacings=[spacing], origins=origins)
     for run in first.runs():

@@ -20,7 +20,7 @@ from cpmkit.studies.records import group_into_series, read_records
 from cpmkit.studies.reference_values import Reference, sample_points
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
-from cpmkit.studies.tables import attempts, front_table, winners_table
+from cpmkit.studies.tables import attempts, cheapest_table, pareto_table
 
 #: Points of the cloud.
 CLOUD = 6000
@@ -180,8 +180,8 @@ def told(name: str, choice: Choice, folder: Path) -> Iterator[str]:
         truth = Reference(points, choice.finely(study.scene).evaluate(points))
     outcome = run_study(study, folder / name, truth=truth, recorded=lambda record: print(record, file=sys.stderr))
     made = attempts(group_into_series(read_records(outcome.file)))
-    yield from (f"**{choice.words}**", "", winners_table(made), "", "Unbeaten in error and cost:", "")
-    yield from (front_table(made), "")
+    yield from (f"**{choice.words}**", "", cheapest_table(made), "", "Unbeaten in error and cost:", "")
+    yield from (pareto_table(made), "")
 
 
 def main(names: Sequence[str]) -> None:

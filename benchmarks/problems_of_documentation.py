@@ -22,8 +22,8 @@ from cpmkit.errors import CpmkitError
 from cpmkit.forms.choice import choose_form
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.scene_files import load_scene
-from cpmkit.studies.reference_values import reference_of, sample_points
-from cpmkit.studies.run_one import with_step_for_spacing
+from cpmkit.studies.reference_values import compute_reference, sample_points
+from cpmkit.studies.run_one import tie_step_to_spacing
 from cpmkit.studies.studyfile import Study, load_study
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -125,10 +125,10 @@ def _cheap(study: Study) -> Sequence[float]:
 
 
 def _at_spacings(study: Study, spacings: Sequence[float], positions: int) -> Iterator[Problem]:
-    truth = reference_of(study)
+    truth = compute_reference(study)
     off = _from_values(truth.points, truth.values)
     for spacing in spacings:
-        scene = with_step_for_spacing(study.scene, study.sweep.step_per_spacing, spacing)
+        scene = tie_step_to_spacing(study.scene, study.sweep.step_per_spacing, spacing)
         yield Problem(study.title, scene, spacing, off, positions=positions, options=_of_both(study))
 
 

@@ -159,7 +159,7 @@ def solve(
     with collected_warnings() as issued, group.progress_callback(scene, quiet) as progress:
         try:
             loaded = load_scene(scene)
-            folder, request = output or loaded.output.folder, group.with_look(loaded.output, field, look, estimate)
+            folder, request = output or loaded.output.folder, group.edit_look(loaded.output, field, look, estimate)
             check_request(request, loaded.scene.surface, folder, solution_channels(loaded.scene))
             target = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
             spacing, options = group.spacing_and_options(loaded, spacing, **target, degree=degree)
@@ -167,7 +167,7 @@ def solve(
                 options = {"backend": backend, **backend_independent_options(options, backend)}
             options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
             solution = solve_scene(loaded.scene, spacing=spacing, progress=progress, **options)
-            solution = group.with_error(solution, estimate, request.wants_error)
+            solution = group.add_estimate(solution, estimate, request.wants_error)
         except Exception:
             group.print_warnings(issued, err=True)
             raise

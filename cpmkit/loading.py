@@ -88,13 +88,13 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
 
         scene = load_scene(scene).scene
     if scene is not None:
-        return _rebuilt(path, arrays, summary, scene)
+        return _rebuild_solution(path, arrays, summary, scene)
     channels = summary["discretization"].get("channels", 1)
     none = {"points": np.zeros((0, 0)), "cells": np.zeros((0, 0), dtype=np.int64), "values": np.zeros((0, channels))}
     return SavedSolution(**{name: arrays.get(name, none[name]) for name in none}, summary=summary, arrays=arrays)
 
 
-def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], scene: Scene) -> Solution:
+def _rebuild_solution(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], scene: Scene) -> Solution:
     """Return the solution with the ``arrays`` and ``summary`` of a file, on the scene discretised again.
 
     Raises InputError if the file is damaged, belongs to another scene, or is from a back end without a lattice.

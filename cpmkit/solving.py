@@ -202,7 +202,7 @@ def explain(
             explained = model.explain(solver, shown) if dry_run or seconds else quick_estimate(model, solver)
         warnings = (*mixed_joint_warnings(scene.surface, target.spacing), *explained.warnings)
         explained = replace(explained, warnings=warnings)
-        return _with_seconds(explained, scene, target.spacing, shown, dict(options)) if seconds else explained
+        return _add_seconds(explained, scene, target.spacing, shown, dict(options)) if seconds else explained
 
 
 def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
@@ -244,10 +244,10 @@ def _rounded_count(count: float) -> str:
     return f"about {float(f'{count:.1g}' if count < 10 else f'{count:.2g}'):,.0f}"
 
 
-def _with_seconds(
+def _add_seconds(
     explained: Explanation, scene: Scene, spacing: float, progress: Progress, options: dict[str, Any]
 ) -> Explanation:
-    """Return ``explained`` with the seconds of a solve at ``spacing``, predicted from timed coarse solves, or None."""
+    """Return ``explained`` with the seconds of a solve at ``spacing``, from timed coarse solves; None if they fail."""
     given = {**options, "solver": explained.solver}
 
     def solve_timed(coarse: float) -> tuple[SolutionRecord, float]:

@@ -64,7 +64,7 @@ def run_application(
     ``command``: the name of the command, which determines how the scene file is read.
     ``solve``, callable: takes the keyword arguments of the application's function, with ``surface``, ``spacing`` and
         ``progress``, and whether the picture shows the error.
-    ``**accuracy``: accuracy target in place of a spacing.
+    ``**accuracy``: accuracy target in place of a spacing. The other arguments are the options of the command.
     """
     import numpy as np
 
@@ -78,7 +78,7 @@ def run_application(
         begun = time.perf_counter()
         try:
             loaded: Any = load_scene(scene) if command == "distance" else load_application(scene, command)
-            folder, request = output or loaded.output.folder, group.with_look(loaded.output, None, look, None)
+            folder, request = output or loaded.output.folder, group.edit_look(loaded.output, None, look, None)
             check_request(request, loaded.scene.surface, folder, 1 if command == "distance" else None)
             decided, options = group.spacing_and_options(loaded, spacing, **accuracy)
             options |= {"surface": loaded.scene, "spacing": decided, "progress": progress}
@@ -144,7 +144,7 @@ def paint(estimate: bool | None, **keys: Any) -> None:
     def solve(arguments: dict[str, Any], _wants_error: bool) -> ApplicationResult:
         from cpmkit.applications import diffusion_curves
 
-        return ApplicationResult(group.with_error(diffusion_curves(**arguments).solution, estimate))
+        return ApplicationResult(group.add_estimate(diffusion_curves(**arguments).solution, estimate))
 
     run_application("paint", solve, **keys)
 
@@ -243,7 +243,7 @@ def _solve_distance(
             "origin; give each an origin, or leave the piece out."
         )
     solution = replace(measured.solution, estimated=measured.error) if wants_error else measured.solution
-    paths = measured.path(np.array([_point(text, barriers.surface.dim) for text in starts])) if starts else []
+    paths = measured.path(np.array([_parse_point(text, barriers.surface.dim) for text in starts])) if starts else []
     lengths = [np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in paths]
     lines = [f"path       {length:.6g} long, from {start}" for start, length in zip(starts, lengths, strict=True)]
     tables = {f"path-{number}.csv": path for number, path in enumerate(paths, start=1)}
@@ -251,7 +251,7 @@ def _solve_distance(
 
 
 def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
-    """Return the scene with only the boundaries that are no origins, and the origins.
+    """Return the scene with only the boundaries that are no origins, its barriers, and the origins.
 
     ``origins`` are texts, names of boundaries or coordinates. The result has an array (k, d) of points, a list of
     sources of boundaries, or both in a list, the array first. The equation is replaced by -Lap u = 0.
@@ -262,14 +262,14 @@ def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
     from cpmkit.scene.scene import Scene
 
     boundaries = {boundary.name: boundary for boundary in scene.boundaries}
-    points = [_point(text, scene.surface.dim) for text in origins if text not in boundaries]
+    points = [_parse_point(text, scene.surface.dim) for text in origins if text not in boundaries]
     curves = [boundaries[name].source for name in origins if name in boundaries]
     barriers = [boundary for name, boundary in boundaries.items() if name not in origins]
     sources: Any = [np.array(points), *curves] if points and curves else curves or np.array(points)
     return Scene(scene.surface, Poisson(0.0), barriers, scene.edge), sources
 
 
-def _point(text: str, dim: int) -> list[float]:
+def _parse_point(text: str, dim: int) -> list[float]:
     """Return the ``dim`` coordinates in a text such as ``0,0,1``; raise InputError for other texts."""
     from cpmkit.errors import InputError
 

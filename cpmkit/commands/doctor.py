@@ -52,7 +52,7 @@ class Diagnosis:
 def diagnose(scene: str | Path | None = None) -> Diagnosis:
     """Return what is installed, what the machine offers, and whether a scene file loads.
 
-    Plugins are listed without being imported, except the plugins that ``scene`` names.
+    Plugins are listed without being imported, but for those that ``scene`` names; an error of the scene is not raised.
     """
     versions = {name: version_of(name) for name in DISTRIBUTIONS}
     variables = ("CPMKIT_DATA", "CPMKIT_CACHE", "CPMKIT_FETCH", "CPMKIT_THREADS")

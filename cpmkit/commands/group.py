@@ -86,10 +86,10 @@ class CommandGroup(click.Group):
                 raise
             if ctx.meta.get(TRACEBACK_KEY):
                 click.echo(traceback.format_exc(), err=True)
-            raise _error_sentence(ctx, error) from error
+            raise _click_error(ctx, error) from error
 
 
-def _error_sentence(ctx: click.Context, error: Exception) -> click.ClickException:
+def _click_error(ctx: click.Context, error: Exception) -> click.ClickException:
     """Return the exception of click that prints an error as one sentence and has its exit code."""
     if isinstance(error, CpmkitError):
         return click.ClickException(str(error))
@@ -159,7 +159,7 @@ ESTIMATED_SECONDS = 1.0
 
 
 def _check_finite(ctx: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """Return ``value``, also None, of an option; raise click.BadParameter if it is infinite or NaN."""
+    """Return ``value`` of the option ``parameter``, or None; raise click.BadParameter if it is infinite or NaN."""
     if value is not None and not math.isfinite(value):
         raise click.BadParameter(f"{value} is not a finite number.", ctx, parameter)
     return value
@@ -189,15 +189,15 @@ output_option = click.option(
 
 
 def add_options(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
-    """Return a decorator that adds several options to a command, in the order in which help lists them."""
+    """Return a decorator that adds several options of click to a command, in the order in which help lists them."""
 
-    def add(command: Command) -> Command:
+    def decorate(command: Command) -> Command:
         """Return ``command`` with the options, the last one applied first."""
         for option in reversed(options):
             command = option(command)
         return command
 
-    return add
+    return decorate
 
 
 #: The options of an accuracy target, which replace a spacing, and of the error estimate.
@@ -273,7 +273,8 @@ def print_outcome(
 def spacing_and_options(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:
     """Return the spacing, None with an accuracy target in its place, and the options of ``solve``.
 
-    ``spacing`` and the accuracy ``target`` of the command line take precedence over those of the scene file.
+    ``spacing`` and ``target`` (accuracy target and other options, None if absent) of the command line take precedence
+    over those of the scene file.
     """
     from cpmkit.forms.options import AccuracyTarget
     from cpmkit.runtime.options import declared_options
@@ -287,7 +288,7 @@ def spacing_and_options(loaded: SceneFile, spacing: float | None, **target: Any)
     return decided, {**options, **command_line}
 
 
-def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> Solution:
+def add_estimate(solution: Solution, wanted: bool | None, drawn: bool = False) -> Solution:
     """Return a solution with an error estimate if ``wanted``, or by default if it is drawn or the solve took long.
 
     An error that cannot be estimated is left out by default, so that the solution is not lost; if ``wanted``, the
@@ -309,11 +310,11 @@ def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> 
         return solution
 
 
-def with_look(request: OutputRequest, field: str | None, look: Sequence[str], estimate: bool | None) -> OutputRequest:
+def edit_look(request: OutputRequest, field: str | None, look: Sequence[str], estimate: bool | None) -> OutputRequest:
     """Return the requested output with the picture changed to ``field`` and to ``look`` (KEY=VALUE each), if given.
 
-    ``estimate`` False is no error estimate. Raises InputError if there is no picture to change, it shows an error then,
-    or a key or value is not accepted.
+    Raises InputError if there is no picture to change, a key or value is not accepted, or the picture shows the error
+    and ``estimate`` is False.
     """
     from dataclasses import replace
 
@@ -326,7 +327,7 @@ def with_look(request: OutputRequest, field: str | None, look: Sequence[str], es
             f"{said[0]} says what the picture shows, and the scene asks for none; add picture to [output]."
         )
     if said and request.picture is not None:
-        changes = dict(map(_key_and_value, look)) | ({"field": field} if field else {})
+        changes = dict(map(_parse_key_value, look)) | ({"field": field} if field else {})
         options = vars(Look.from_options({**request.picture.look, **changes}))
         request = replace(request, picture=replace(request.picture, **options))
     if request.wants_error and estimate is False:
@@ -334,8 +335,8 @@ def with_look(request: OutputRequest, field: str | None, look: Sequence[str], es
     return request
 
 
-def _key_and_value(text: str) -> tuple[str, Any]:
-    """Return the key and the value, of TOML or else text, in ``KEY=VALUE``; raise InputError without an equals sign."""
+def _parse_key_value(text: str) -> tuple[str, Any]:
+    """Return the key and the value, of TOML or else text, in ``KEY=VALUE``; raise InputError without key or ``=``."""
     from cpmkit.errors import InputError, shown
 
     key, sign, value = text.partition("=")

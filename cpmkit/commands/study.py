@@ -89,7 +89,7 @@ def report_study(studies: tuple[Path, ...], table: Path | None, costs: Path | No
     text = error_tables(reports)
     click.echo(text)
     for report in reports:
-        if report.trades:
+        if report.compares_costs:
             click.echo(f"\n{pareto_tables(report)}")
     target = {table: text, costs: costs_table([(report.title, report.series) for report in reports])}
     pages = {page: content for page, content in target.items() if page is not None}

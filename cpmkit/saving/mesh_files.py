@@ -103,10 +103,7 @@ def value_columns(mesh: DisplayMesh, error: Floats | None = None) -> dict[str, F
 
 
 def colours_of(mesh: DisplayMesh) -> Floats:
-    """Return the colours (v, 3) of the vertices, from 0 to 1.
-
-    They are the values if there are three channels, else the first channel in viridis; grey without a value.
-    """
+    """Return colours (v, 3), from 0 to 1: three channels, or else the first in viridis; grey where not finite."""
     known = np.flatnonzero(np.isfinite(mesh.values).all(axis=1))
     colours = np.full((len(mesh.values), 3), 0.6)
     values = mesh.values[known]

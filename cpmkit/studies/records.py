@@ -62,12 +62,12 @@ def read_records(file: Path) -> list[Record]:
 
     Raises InputError if the file cannot be read, or a line is not a record; the message names the line and the fault.
     """
-    *lines, _ = _bytes_of(file).split(b"\n")
+    *lines, _ = _read_bytes(file).split(b"\n")
     return [_parse_record(line, f"line {count} of {file}") for count, line in enumerate(lines, 1)]
 
 
 def _parse_record(line: bytes, where: str) -> Record:
-    """Return the record in a ``line``, former option names replaced; raise InputError, with ``where``, if invalid."""
+    """Return the record in a ``line``, former option names replaced; raise InputError, which names it by ``where``."""
     try:
         record = json.loads(line)
     except (ValueError, RecursionError):
@@ -101,18 +101,15 @@ def append_record(file: Path, record: Mapping[str, Any]) -> None:
 
 
 def drop_unfinished_line(file: Path) -> None:
-    """Remove an unfinished last line, left by an interrupted write, if there is one.
-
-    Raises InputError if the file cannot be written.
-    """
-    content = _bytes_of(file)
+    """Remove an unfinished last line, left by an interrupted write, if any; raise InputError if the system refuses."""
+    content = _read_bytes(file)
     whole_lines = content.rfind(b"\n") + 1
     if whole_lines < len(content):
         with explain_system_error(f"{file} cannot be written"):
             os.truncate(file, whole_lines)
 
 
-def _bytes_of(file: Path) -> bytes:
+def _read_bytes(file: Path) -> bytes:
     """Return the bytes of a file of records, none if it does not exist; raise InputError if it cannot be read."""
     try:
         return file.read_bytes()
@@ -196,10 +193,10 @@ class Series:
 
 
 def group_into_series(records: Sequence[Record]) -> list[Series]:
-    """Return the series of records, in the order in which they first appear; runs with errors are left out."""
+    """Return the series of records, in the order of their first records; runs with errors are left out."""
     good = [record for record in records if "error" not in record]
     keys = list(dict.fromkeys(_series_key(record) for record in good))
-    return [_series(key, keys, [record for record in good if _series_key(record) == key]) for key in keys]
+    return [_make_series(key, keys, [record for record in good if _series_key(record) == key]) for key in keys]
 
 
 def _series_key(record: Record) -> tuple[Any, ...]:
@@ -208,16 +205,16 @@ def _series_key(record: Record) -> tuple[Any, ...]:
     return run.method, run.options, next(iter(run.target), "")
 
 
-def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequence[Record]) -> Series:
+def _make_series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequence[Record]) -> Series:
     """Return the series of ``records``, all with this ``key``; its label names what differs between all ``keys``."""
     method, options, target = key
     fineness = f"asked_{target}" if target else "spacing"
     given = sorted({record[fineness] for record in records}, reverse=target != "seconds")
-    entries = [_entry([record for record in records if record[fineness] == one], target) for one in given]
-    return Series(method, dict(options), _label(key, keys), entries, records[0].get("reference"), target)
+    entries = [_make_entry([record for record in records if record[fineness] == one], target) for one in given]
+    return Series(method, dict(options), _series_label(key, keys), entries, records[0].get("reference"), target)
 
 
-def _entry(records: Sequence[Record], target: str) -> Entry:
+def _make_entry(records: Sequence[Record], target: str) -> Entry:
     """Return the entry of a series at one spacing or target, from the records of all origins.
 
     Errors are root mean squares over the origins, ``shift`` is the largest, other quantities are means; ``target`` is
@@ -243,7 +240,7 @@ def _entry(records: Sequence[Record], target: str) -> Entry:
     )
 
 
-def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
+def _series_label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     """Return the label of a series: the method if methods differ, and the options that differ between its series.
 
     If none differs, the label is the option ``order``, or else the method; an accuracy target comes last. ``key`` and

@@ -75,12 +75,12 @@ class Reference:
         return float(np.ptp(self.values) / 2)
 
 
-def reference_of(study: Study) -> Reference:
+def compute_reference(study: Study) -> Reference:
     """Return the reference values of a study, from its formula or from one solution of another back end.
 
     Raises SceneError if the scene has several channels or eigenvalues, no sample point lies off the boundaries, or
-    vertices are requested of a surface that is no mesh. Raises CpmkitError if the formula has no value somewhere, or
-    the reference cannot solve the scene.
+    vertices are requested of a surface that is no mesh; CpmkitError if the formula has no value somewhere, or the back
+    end cannot solve the scene.
     """
     scene = study.scene
     check_comparable(scene)
@@ -98,8 +98,8 @@ def reference_of(study: Study) -> Reference:
     return Reference(points, solution.evaluate(points))
 
 
-def refined_mesh(surface: ClosestPointSource) -> ClosestPointSource:
-    """Return a surface with a mesh that is refined until no edge is longer than the spacing, else equal to ``surface``.
+def refine_surface_mesh(surface: ClosestPointSource) -> ClosestPointSource:
+    """Return a copy of ``surface`` whose method ``mesh(spacing)`` refines the mesh to edges no longer than the spacing.
 
     The mesh's own vertices come first. New vertices are closest points: if the surface is itself a mesh, they lie on
     its flat triangles, whose distance from a smooth surface remains. Raises InputError if there is no mesh.
@@ -114,7 +114,7 @@ def refined_mesh(surface: ClosestPointSource) -> ClosestPointSource:
         return refined, cells
 
     refined: ClosestPointSource = copy(surface)
-    methods = {"mesh": mesh, "__reduce__": lambda _: (refined_mesh, (surface,))}
+    methods = {"mesh": mesh, "__reduce__": lambda _: (refine_surface_mesh, (surface,))}
     object.__setattr__(refined, "__class__", type("RefinedMesh", (type(surface),), methods))
     return refined
 
@@ -127,7 +127,7 @@ def solve_on_refined_mesh(
     ``options`` are those of :func:`cpmkit.solve`; those of a lattice are ignored. Raises CpmkitError if the back end
     ``fem`` does, or the surface has no mesh.
     """
-    refined = replace(scene, surface=refined_mesh(scene.surface))
+    refined = replace(scene, surface=refine_surface_mesh(scene.surface))
     return solve(refined, spacing, backend="fem", progress=progress, **backend_independent_options(options))
 
 
@@ -166,7 +166,7 @@ def solve_by_fixed_nodes(
     fixed, values = _fixed_nodes(scene, tables, sources, method)
     terms = scene.problem.terms()
     stiffness = form.stiffness(terms)
-    operator, b = _without_fixed_nodes(stiffness, form.load(terms.f) + form.condition_load(stiffness), fixed, values)
+    operator, b = _eliminate_fixed_nodes(stiffness, form.load(terms.f) + form.condition_load(stiffness), fixed, values)
     clock.append(time.perf_counter())
     chosen = choose_solver(solver.solver, operator.size, largest_dim(scene.surface))
     prepared = make_solver(chosen, solver.further).prepare(operator)
@@ -213,7 +213,7 @@ def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource
     for boundary, source in zip(scene.boundaries, sources, strict=True):
         feet = source.closest_point(positions)
         within = feet.distance <= (1 + 1e-4) * radius  # with the nodes at exactly the radius
-        chosen = within if method == "ball" else _nearest(layout.band, source, feet.distance)
+        chosen = within if method == "ball" else _nearest_nodes(layout.band, source, feet.distance)
         taken = np.flatnonzero(chosen & (feet.distance < nearest))
         nearest[taken] = feet.distance[taken]
         datum, at = boundary.condition("left").one_sided.datum, layout.lattice.to_scene(feet.points[taken])
@@ -221,7 +221,7 @@ def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource
     return np.isfinite(nearest), values
 
 
-def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
+def _nearest_nodes(band: Band, source: LocalSource, distance: Floats) -> Bools:
     """Return a mask (n,) of the inner nodes that are the nearest node of some point of a boundary.
 
     The points are the closest points of a lattice four times as fine, up to two spacings from the boundary.
@@ -238,7 +238,7 @@ def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
     return chosen
 
 
-def _without_fixed_nodes(
+def _eliminate_fixed_nodes(
     operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats
 ) -> tuple[ExtensionOperator, Floats]:
     """Return the operator and right-hand side on the f nodes that are not ``fixed`` (n,), of those on all n nodes.

@@ -27,50 +27,50 @@ GREY = "#777777"
 
 def convergence_figure(series: Sequence[Series], title: str) -> Figure:
     """Return a figure of largest errors over spacing, log-log, with fitted orders and dotted slopes 1 and 2."""
-    figure, (axes,) = _figure(title, 1)
+    figure, (axes,) = _empty_figure(title, 1)
     _draw_slopes(axes, series)
     for number, each in enumerate(series):
         order = each.fitted_order
         fitted = "" if order is None else f" (fitted order {order:.2f})"
         _plot_series(axes, number, each.spacings, each.errors, each.label + fitted)
     axes.set(xlabel="spacing", ylabel="greatest error")
-    _spacing_ticks(axes, series)
-    return _with_legend(figure, columns=1)
+    _set_spacing_ticks(axes, series)
+    return _add_legend(figure, columns=1)
 
 
 def difference_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return a figure of rms differences from a reference, in % of half its range, with and without their mean."""
-    figure, pair = _figure(title, 2)
+    """Return a figure of rms differences from a reference over spacing, in % of half its range, mean kept or not."""
+    figure, pair = _empty_figure(title, 2)
     shown = {"rms_error": "mean kept", "rms_without_mean": "mean removed"}
     for axes, (quantity, name) in zip(pair, shown.items(), strict=True):
         for number, each in enumerate(series):
             _plot_series(axes, number, each.spacings, [entry.percent(quantity) for entry in each.entries], each.label)
         axes.set(xlabel="spacing", title=name)
-        _spacing_ticks(axes, series)
+        _set_spacing_ticks(axes, series)
     pair[0].set_ylabel(_escape_dollars(f"rms difference from {series[0].reference}, % of half the range"))
-    return _with_legend(figure, columns=3)
+    return _add_legend(figure, columns=3)
 
 
 def work_figure(series: Sequence[Series], title: str) -> Figure:
     """Return a figure of error against CPU seconds and against unknowns, log-log, side by side."""
     from matplotlib.ticker import NullFormatter
 
-    figure, pair = _figure(title, 2)
+    figure, pair = _empty_figure(title, 2)
     for axes, quantity in zip(pair, ("cpu_seconds", "unknowns"), strict=True):
         for number, each in enumerate(series):
             _plot_series(axes, number, [getattr(entry, quantity) for entry in each.entries], each.errors, each.label)
         axes.set(xlabel={"cpu_seconds": "CPU seconds"}.get(quantity, quantity))
-        _log_scales(axes)
+        _set_log_scales(axes)
         axes.xaxis.set_minor_formatter(NullFormatter())
     pair[0].set_ylabel("greatest error")
-    return _with_legend(figure, columns=3)
+    return _add_legend(figure, columns=3)
 
 
-def trade_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return a figure of rms error against CPU seconds and against memory, log-log, with the Pareto fronts in grey."""
+def pareto_figure(series: Sequence[Series], title: str) -> Figure:
+    """Return a figure of rms error over CPU seconds and MiB, where recorded, log-log, with Pareto fronts in grey."""
     made = tables.attempts(series)
     fronts = {cost: tables.pareto_front(made, cost) for cost in tables.COSTS if tables.pareto_front(made, cost)}
-    figure, all_axes = _figure(title, len(fronts))
+    figure, all_axes = _empty_figure(title, len(fronts))
     for axes, (cost, best) in zip(all_axes, fronts.items(), strict=True):
         x, y = [getattr(each, cost) for each in best], [each.error for each in best]
         axes.plot(x, y, color=GREY, linewidth=7, alpha=0.3, solid_capstyle="round", label="unbeaten")
@@ -78,12 +78,12 @@ def trade_figure(series: Sequence[Series], title: str) -> Figure:
             own = tables.attempts([each])
             _plot_series(axes, number, [getattr(one, cost) for one in own], [one.error for one in own], each.label)
         axes.set(xlabel=tables.COSTS[cost])
-        _log_scales(axes)
+        _set_log_scales(axes)
     all_axes[0].set_ylabel("rms error, share of the range")
-    return _with_legend(figure, columns=2)
+    return _add_legend(figure, columns=2)
 
 
-def _figure(title: str, count: int) -> tuple[Figure, Any]:
+def _empty_figure(title: str, count: int) -> tuple[Figure, Any]:
     """Return a figure of ``count`` axes side by side, and the array of these (count,), with a common vertical scale."""
     from matplotlib.figure import Figure
 
@@ -125,24 +125,24 @@ def _draw_slopes(axes: Any, series: Sequence[Series]) -> None:
         )  # fmt: skip
 
 
-def _spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
+def _set_spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
     """Change ``axes`` to logarithmic scales, with a tick at each spacing of the series and no minor ticks."""
     spacings = sorted({spacing for one in series for spacing in one.spacings})
-    _log_scales(axes)
+    _set_log_scales(axes)
     axes.set_xticks(spacings, [f"{spacing:g}" for spacing in spacings])
     axes.minorticks_off()
     axes.set_xlim(spacings[0] / 1.6, spacings[-1] * 1.15)
 
 
-def _log_scales(axes: Any) -> None:
-    """Draw the grid of axes, with a logarithmic scale in each direction in which lines have positive values."""
+def _set_log_scales(axes: Any) -> None:
+    """Draw the grid of ``axes``, in place, with a logarithmic scale in each direction with positive values."""
     axes.grid(alpha=0.25)
     for name, change in (("x", axes.set_xscale), ("y", axes.set_yscale)):
         if any(np.any(np.asarray(getattr(line, f"get_{name}data")()) > 0) for line in axes.lines):
             change("log")
 
 
-def _with_legend(figure: Figure, columns: int) -> Figure:
+def _add_legend(figure: Figure, columns: int) -> Figure:
     """Draw the legend of the first axes, in ``columns`` columns below the figure, and return the figure."""
     lines, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(lines, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9, handlelength=4)
@@ -169,7 +169,7 @@ class Report:
         return self.series[0].reference is not None
 
     @property
-    def trades(self) -> bool:
+    def compares_costs(self) -> bool:
         """Whether there are several methods or an accuracy target, so that costs can be compared."""
         return any(each.target for each in self.series) or len({each.method for each in self.series}) > 1
 
@@ -198,26 +198,26 @@ def write_report(folder: Path, content: str | None = None) -> Report:
         figures["convergence.png"] = (difference_figure if report.compares else convergence_figure)(by_spacing, title)
     if len({(each.method, each.options.get("degree")) for each in by_spacing}) > 1:
         figures["work.png"] = work_figure(by_spacing, title)
-    if report.trades:
-        figures["trade.png"] = trade_figure(series, title)
+    if report.compares_costs:
+        figures["trade.png"] = pareto_figure(series, title)
     for name, figure in figures.items():
         with written_whole(folder / name) as file:
             figure.savefig(file, dpi=110)
     report = replace(report, files=[folder / "report.md", *(folder / name for name in figures)])
     with written_whole(folder / "report.md") as file:
-        file.write_text(_page(report, records, list(figures), len(every) - len(records)), encoding="utf-8")
+        file.write_text(_report_page(report, records, list(figures), len(every) - len(records)), encoding="utf-8")
     return report
 
 
 def _one_line(text: str) -> str:
-    """Return text in one line, without control characters, and with bars escaped for a cell of a table."""
+    """Return text in one line, with control characters escaped, and bars as for a cell of a Markdown table."""
     return printable(" ".join(text.split())).replace("|", r"\|")
 
 
 def pareto_tables(report: Report) -> str:
     """Return Markdown tables: the cheapest attempt for each decade of error, and the Pareto front of error and cost."""
     made = tables.attempts(report.series)
-    return "\n\n".join([tables.winners_table(made), "Unbeaten in error and cost:", tables.front_table(made)])
+    return "\n\n".join([tables.cheapest_table(made), "Unbeaten in error and cost:", tables.pareto_table(made)])
 
 
 def error_tables(reports: Sequence[Report]) -> str:
@@ -231,12 +231,12 @@ def error_tables(reports: Sequence[Report]) -> str:
     return "\n\n".join(parts)
 
 
-def _page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
-    """Return the page in Markdown: errors, ``figures`` (file names), costs, failed runs, count ``left_out``."""
+def _report_page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
+    """Return the page in Markdown: errors, ``figures`` (files), costs, failed ``records``, number ``left_out``."""
     errors_line = tables.differences_sentence(report.series) if report.compares else tables.error_sentence(records)
     parts = [f"# {report.title}", error_tables([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]
-    if report.trades:
+    if report.compares_costs:
         parts += ["## Which buys which error for what", pareto_tables(report)]
     parts += ["## What it cost, with errors in the unit of u", tables.costs_table([(report.title, report.series)])]
     failed = [record for record in records if "error" in record]

@@ -38,7 +38,7 @@ def check_study(study: Study) -> None:
     """
     reference_values.check_comparable(study.scene)
     if study.sweep.spacings is not None:
-        with_step_for_spacing(study.scene, study.sweep.step_per_spacing, study.sweep.spacings[0])
+        tie_step_to_spacing(study.scene, study.sweep.step_per_spacing, study.sweep.spacings[0])
     if study.solution is not None and study.solution.takes_time and getattr(study.scene.problem, "until", None) is None:
         raise SceneError(f"u of [exact] depends on t, and the problem {study.scene.problem.kind!r} has no time.")
     for method in study.sweep.methods:
@@ -50,8 +50,8 @@ def check_study(study: Study) -> None:
         factory(backend, "cpmkit_backends")
 
 
-def with_step_for_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
-    """Return the scene with equal time steps up to ``step_per_spacing`` times ``spacing``, unless either is None.
+def tie_step_to_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
+    """Return the scene with equal time steps up to ``step_per_spacing`` times ``spacing``; itself if either is None.
 
     Raises SceneError if the scene's problem has no time step.
     """
@@ -74,15 +74,15 @@ def make_run(
     """
     named = {"study": study.name, "title": study.title, "content": study.content}
     record: records.Record = {**named, "reference": study.exact.reference, **run.as_dict()}
-    scene = with_step_for_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
+    scene = tie_step_to_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
     before, start = reset_peak_memory(), time.process_time()
     try:
         with collected_warnings():  # the record holds them
-            solution = _solve(scene, run, study.options, progress)
+            solution = _solve_run(scene, run, study.options, progress)
     except (ResolutionError, ConvergenceError) as error:
         return {**record, "error": f"{type(error).__name__}: {error}"}
     cpu_seconds = time.process_time() - start
-    record |= costs_in_memory(solution, peak_growth_bytes(before))
+    record |= memory_entries(solution, peak_growth_bytes(before))
     with np.errstate(over="ignore"):
         measured = _measured_entries(solution, truth, run)
     if not 0 <= (max_error := measured["max_error"]) < records.LARGEST_RECORDED:
@@ -90,7 +90,7 @@ def make_run(
     return {**record, **measured, "cpu_seconds": round(cpu_seconds, 4)}
 
 
-def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> Solution:
+def _solve_run(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> Solution:
     """Return the solution of a scene by the method of ``run``; ``options`` of ``solve`` are those of all runs."""
     if run.method == REFINED:
         return reference_values.solve_on_refined_mesh(scene, cast("float", run.spacing), progress=progress, **options)
@@ -101,11 +101,11 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
         if run.origin is not None:  # the spacing is a result: a tenth of the surface's size serves as well
             extent = float(np.ptp(scene.surface.bounds, axis=0).max())
             centre = np.asarray(scene.surface.bounds).mean(axis=0)
-            options = {**options, "origin": centre + run.shift(scene.surface.dim, 0.1 * extent)}
+            options = {**options, "origin": centre + run.lattice_shift(scene.surface.dim, 0.1 * extent)}
         return solve(scene, progress=progress, **{**options, **dict(run.options), **set_by[run.method], **run.target})
     without_target = {name: value for name, value in options.items() if name not in declared_options(AccuracyTarget)}
     lattice = lattice_of(scene.surface, run.spacing, without_target.get("origin"))
-    placed = {**without_target, **dict(run.options), "origin": lattice.origin + run.shift(scene.surface.dim)}
+    placed = {**without_target, **dict(run.options), "origin": lattice.origin + run.lattice_shift(scene.surface.dim)}
     if run.method in BASELINES:
         return reference_values.solve_by_fixed_nodes(scene, run.spacing, method=run.method, progress=progress, **placed)
     return solve(scene, run.spacing, progress=progress, **placed, **set_by[run.method])
@@ -140,8 +140,8 @@ def _measured_entries(solution: Solution, truth: reference_values.Reference, run
     }
 
 
-def costs_in_memory(solution: Solution, measured: int | None) -> records.Record:
-    """Return the entries ``bytes`` and ``bytes_are``: ``measured`` or, if None, predicted; None without a lattice."""
+def memory_entries(solution: Solution, measured: int | None) -> records.Record:
+    """Return the entries ``bytes``, ``measured`` or, if None, predicted, and ``bytes_are``; None without a lattice."""
     if measured is not None:
         return {"bytes": measured, "bytes_are": "measured"}
     options, scene = lattice_options(solution.discretized), solution.scene
@@ -200,7 +200,7 @@ def run_study(
     if not pending:
         return Outcome(0, len(runs), 0, file)
     check_study(study)
-    truth = reference_values.reference_of(study) if truth is None else truth
+    truth = reference_values.compute_reference(study) if truth is None else truth
     failed = 0
     for run in {run.method: run for run in reversed(study.sweep.runs(cheap))}.values():
         # A rough run of each method first, so that compilation is no cost of any.

@@ -53,13 +53,13 @@ def expand_names(table: Any) -> dict[str, str]:
         if text is None:
             raise SceneError(f"{name} of [let] must be a formula or a number, got {shown(formula)}.")
         parse(text, f"{name} of [let]")
-        known[name] = expand(text, known)
+        known[name] = expand_formula(text, known)
         formula_tree(known[name], (*COORDINATES, "t", "u", "v"), f"{name} of [let]")
     return known
 
 
-def expand(formula: str, known: Mapping[str, str]) -> str:
-    """Return ``formula`` with names replaced by ``known`` formulas, by name; text that does not parse is unchanged.
+def expand_formula(formula: str, known: Mapping[str, str]) -> str:
+    """Return ``formula`` with names replaced by ``known`` formulas in brackets; text that does not parse is unchanged.
 
     Raises SceneError if the result is too long: each further name of [let] may double the length.
     """
@@ -88,7 +88,7 @@ def expand_all(value: Any, known: Mapping[str, str], formulas: bool = True) -> A
     and only tables in it, such as the sources of a union, have formulas.
     """
     if isinstance(value, str):
-        return expand(value, known) if formulas else value
+        return expand_formula(value, known) if formulas else value
     if isinstance(value, list):
         return [expand_all(entry, known, formulas) for entry in value]
     if isinstance(value, dict):
@@ -175,10 +175,10 @@ def load_study(path: str | Path) -> Study:
 
     Raises SceneError if the file is missing, does not parse, or holds a key or value that is not accepted.
     """
-    return read_toml(path, _study, "study file", " with the tables [exact], [sweep]")
+    return read_toml(path, _parse_study, "study file", " with the tables [exact], [sweep]")
 
 
-def _study(tables: dict[str, Any], path: Path) -> Study:
+def _parse_study(tables: dict[str, Any], path: Path) -> Study:
     """Return the study in the ``tables`` of the file ``path``; raise SceneError if a key or value is not accepted."""
     check_accepted("the study", tables, STUDY_TABLES)
     for needed in ("surface", "problem", "exact", "sweep"):
@@ -201,11 +201,11 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
         key: expand_all(value, known) for key, value in tables.items() if key not in ("title", "let", "exact", "sweep")
     }
     exact = call_factory(Exact, "[exact]", tables["exact"])
-    exact = exact if exact.u is None else replace(exact, u=expand(exact.u, known))
+    exact = exact if exact.u is None else replace(exact, u=expand_formula(exact.u, known))
     sweep = read_sweep(tables["sweep"])
     read_options(scene)
     solution = exact.u if exact.reference is None else {"reference": exact.reference}
-    digests = [_digest(file) for file in _named_files(scene, path.parent)]
+    digests = [_file_digest(file) for file in _named_files(scene, path.parent)]
     whole = [scene, solution, exact.points, sweep.step_per_spacing, digests]  # besides the parameters of a run
     content = hashlib.sha256(json.dumps(whole, sort_keys=True, default=str).encode()).hexdigest()[:16]
     return Study(path.stem, title, path.parent, scene, exact, sweep, content)
@@ -228,7 +228,7 @@ def _named_files(value: Any, folder: Path) -> Iterator[Path]:
             yield from _named_files(entry, folder)
 
 
-def _digest(file: Path) -> str:
+def _file_digest(file: Path) -> str:
     """Return the SHA-256 digest of a file in hexadecimal; raise SceneError if it cannot be read."""
     try:
         with file.open("rb") as opened:

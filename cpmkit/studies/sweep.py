@@ -47,7 +47,7 @@ def listed_options() -> dict[str, str]:
     }
 
 
-def listed_of(method: str) -> tuple[str, ...]:
+def listed_options_of(method: str) -> tuple[str, ...]:
     """Return the options of ``method`` of which a study may list values."""
     if method not in lattice_methods():
         return BASELINES.get(method, ())
@@ -55,7 +55,7 @@ def listed_of(method: str) -> tuple[str, ...]:
 
 
 def _form_options_of(method: str) -> Any:
-    """Return the class of the options of a method's form; baselines have those of LISTED_FORM."""
+    """Return the class of the options of a method's form; for other methods that of LISTED_FORM."""
     return FORMS[lattice_methods().get(method, {}).get("form", LISTED_FORM)]
 
 
@@ -104,8 +104,8 @@ class Sweep:
         removed = [method for method in self.methods if method in ("balanced", "unfolded")]
         if removed:
             raise SceneError(f"there is no method {removed[0]!r} of [sweep] any more; use 'galerkin'.")
-        self._check_fineness()
-        most = max(sum(len(values) for _, values in self._fineness()), len(self.cheap or []))
+        self._check_resolutions()
+        most = max(sum(len(values) for _, values in self._resolutions()), len(self.cheap or []))
         count = most * prod(len(entry) for entry in (*self.lists.values(), self.methods)) * self.origins
         if count > 100_000:
             raise SceneError(f"[sweep] makes {count} runs, at most 100000 are accepted; leave some values out.")
@@ -114,7 +114,7 @@ class Sweep:
                 positive(value, "each spacing of [sweep]")
             if self.step_per_spacing is not None:
                 positive(self.step_per_spacing, "step_per_spacing of [sweep]")
-            targets = {name: values for name, values in self._fineness() if name in TARGETS}
+            targets = {name: values for name, values in self._resolutions() if name in TARGETS}
             for options, lists in ((AccuracyTarget, targets), (FORMS[LISTED_FORM], self.lists)):
                 for name, values in lists.items():
                     label = f"each entry of {TARGETS[name]}" if name in TARGETS else listed_options()[name]
@@ -125,9 +125,9 @@ class Sweep:
         except InputError as error:
             raise SceneError(str(error)) from error
 
-    def _check_fineness(self) -> None:
+    def _check_resolutions(self) -> None:
         """Check the lists of spacings and targets; raise SceneError if there is none, or they exclude each other."""
-        if not self._fineness():
+        if not self._resolutions():
             raise SceneError(f"[sweep] needs a list of {', '.join(FINENESS[:-1])} or {FINENESS[-1]}.")
         if self.spacings is None:
             others = [method for method in self.methods if method not in lattice_methods()]
@@ -135,14 +135,14 @@ class Sweep:
             others += [key for key, value in given.items() if value is not None]
             if others:
                 raise SceneError(f"{others[0]!r} of [sweep] goes with spacings alone; give spacings, or leave it out.")
-        elif self.step_per_spacing is not None and len(self._fineness()) > 1:
+        elif self.step_per_spacing is not None and len(self._resolutions()) > 1:
             raise SceneError(
                 "step_per_spacing of [sweep] ties the step to a spacing, and tolerances or seconds find their own; "
                 "leave one of them out."
             )
 
-    def _fineness(self, cheap: bool = False) -> list[tuple[str, list[float]]]:
-        """Return the lists of spacings and targets that are given, each with the name of its entries.
+    def _resolutions(self, cheap: bool = False) -> list[tuple[str, list[float]]]:
+        """Return the lists of spacings and targets that are given, each as (name of an entry, values).
 
         If ``cheap``, spacings are replaced by :attr:`cheap` where that is given; every other list lacks its last entry,
         the finest, unless it is the only one.
@@ -159,7 +159,7 @@ class Sweep:
         """Return the runs in the order of the lists, each once; if ``cheap``, the runs of the cheap lists."""
         every = (
             Run(method, value if name == "spacing" else None, options, origin, ((name, value),) * (name in TARGETS))
-            for name, values in self._fineness(cheap)
+            for name, values in self._resolutions(cheap)
             for value in map(float, values)
             for method in self.methods
             if name == "spacing" or method in lattice_methods()
@@ -168,8 +168,8 @@ class Sweep:
         return list(dict.fromkeys(every))
 
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
-        """Yield pairs (options as (name, value), number of the lattice position or None for the default) by run."""
-        names, form = listed_of(method), _form_options_of(method)
+        """Yield pairs (options as (name, value), number of the lattice position or None) of the runs at one spacing."""
+        names, form = listed_options_of(method), _form_options_of(method)
         checks = declared_options(form)
         accepted = [[value for value in self.lists.get(name, ()) if checks[name].accepts(value)] for name in names]
         lists = [values or [getattr(form, name)] for name, values in zip(names, accepted, strict=True)]
@@ -193,7 +193,7 @@ class Run:
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Run:
         """Return the run of a record; options that an older record lacks have their defaults."""
-        names, form = listed_of(record["method"]), _form_options_of(record["method"])
+        names, form = listed_options_of(record["method"]), _form_options_of(record["method"])
         options = tuple((name, record.get(name, getattr(form, name))) for name in names)
         values: dict[str, Any] = {name: record.get(f"asked_{name}") for name in TARGETS}
         targets = [(name, value) for name, value in values.items() if value is not None]
@@ -211,8 +211,8 @@ class Run:
         target = {f"asked_{name}": self.target.get(name) for name in TARGETS}
         return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 
-    def shift(self, dim: int, unit: float | None = None) -> Floats:
-        """Return the lattice shift (``dim``,): zero without an origin, else uniform in [0, ``unit`` or the spacing)."""
+    def lattice_shift(self, dim: int, unit: float | None = None) -> Floats:
+        """Return the lattice shift (``dim``,): zero without an origin, else random in [0, ``unit`` or the spacing)."""
         if self.origin is None:
             return np.zeros(dim)
         positions = np.random.default_rng(1).uniform(0, 1, (self.origin + 1, dim))

@@ -21,13 +21,13 @@ def table_rule(left: int, right: int) -> str:
     return "|" + "---|" * left + "--:|" * right
 
 
-def _table(rows: Sequence[Sequence[str]], left: int) -> str:
+def _markdown_table(rows: Sequence[Sequence[str]], left: int) -> str:
     """Return a Markdown table of ``rows``, the heads first, with ``left`` left-aligned columns."""
     head, *lines = map(table_row, rows)
     return "\n".join([head, table_rule(left, len(rows[0]) - left), *lines])
 
 
-def _number(value: float, spec: str) -> str:
+def _format_number(value: float, spec: str) -> str:
     """Return a number formatted by ``spec`` for a cell of a table, an empty text for nan."""
     return "" if math.isnan(value) else format(value, spec)
 
@@ -38,9 +38,9 @@ def orders_table(series: Sequence[Series]) -> str:
     rows = [["", *(f"{spacing:g}" for spacing in spacings), "order"]]
     for each in series:
         errors, order = dict(zip(each.spacings, each.errors, strict=True)), each.fitted_order
-        cells = [_number(errors.get(spacing, math.nan), ".2e") for spacing in spacings]
+        cells = [_format_number(errors.get(spacing, math.nan), ".2e") for spacing in spacings]
         rows.append([each.label, *cells, "" if order is None else f"{order:.2f}"])
-    return _table(rows, 1)
+    return _markdown_table(rows, 1)
 
 
 def error_sentence(records: Sequence[Record]) -> str:
@@ -55,8 +55,7 @@ def error_sentence(records: Sequence[Record]) -> str:
 def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     """Return a Markdown table of errors, unknowns, queries, iterations, seconds and memory of each series and spacing.
 
-    ``studies`` has the title of each study, shown where there are several, and its series. Rows of a study are sorted
-    from the coarsest spacing.
+    ``studies`` has the title of each study, shown where there are several, and its series, coarsest spacings first.
     """
     heads = ["greatest error", "rms error", "unknowns", "queries", "iterations", "CPU seconds", "MiB"]
     titled = len(studies) > 1
@@ -65,14 +64,14 @@ def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
         entries = [(entry, each.label) for each in series for entry in each.entries]
         for entry, label in sorted(entries, key=lambda row: -row[0].spacing):
             errors = [f"{entry.spacing:.6g}", f"{entry.error:.2e}", f"{entry.rms_error:.2e}"]
-            counts = [f"{entry.unknowns:,.0f}", _number(entry.queries, ",.0f"), f"{entry.iterations:.0f}"]
-            costs = [f"{entry.cpu_seconds:.2f}", _number(entry.bytes / 2**20, ".3g")]
+            counts = [f"{entry.unknowns:,.0f}", _format_number(entry.queries, ",.0f"), f"{entry.iterations:.0f}"]
+            costs = [f"{entry.cpu_seconds:.2f}", _format_number(entry.bytes / 2**20, ".3g")]
             rows.append([*[title] * titled, label, *errors, *counts, *costs])
-    return _table(rows, 1 + titled)
+    return _markdown_table(rows, 1 + titled)
 
 
 def run_sentence(record: Record) -> str:
-    """Return a line on a record: the error and cost of the run, or the message with which it ended."""
+    """Return a line on a record: the error, unknowns and seconds of the run, or the message with which it ended."""
     if "error" in record:
         return f"{run_name(record)}: {printable(record['error'])}"
     cost = f"{record['unknowns']:,} unknowns, {sum(record['seconds'].values()):.1f} s"
@@ -103,7 +102,7 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     Empty columns are left out. Unknowns, and the share of twins (second unknowns at a node) among them, are those of
     the first method with a result.
 
-    ``studies`` sequence of (str, sequence of Series): the title of each study and its series.
+    ``studies`` has the title of each study and its series.
     """
     quantities = {"rms_error": "rms mean kept", "rms_without_mean": "rms mean removed"}
     quantities |= {"error": "largest", "shift": "mean put right by"}
@@ -117,10 +116,10 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
             entries = [found.get((label, spacing)) for label in labels]
             values = [math.nan if each is None else each.percent(name) for name in quantities for each in entries]
             first = next(entry for entry in entries if entry is not None)
-            sizes = [f"{first.unknowns:,.0f}", _number(first.twins / first.unknowns, ".1%")]
-            rows.append([title, f"{spacing:g}", *sizes, *(_number(value, ".2f") for value in values)])
+            sizes = [f"{first.unknowns:,.0f}", _format_number(first.twins / first.unknowns, ".1%")]
+            rows.append([title, f"{spacing:g}", *sizes, *(_format_number(value, ".2f") for value in values)])
     filled = [k for k in range(len(rows[0])) if any(cells[k] for cells in rows[1:])]
-    return _table([[cells[k] for k in filled] for cells in rows], 1)
+    return _markdown_table([[cells[k] for k in filled] for cells in rows], 1)
 
 
 def differences_sentence(series: Sequence[Series]) -> str:
@@ -189,7 +188,7 @@ def cheapest_by_decade(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]
     return {power: next(each for each in on_front if each.error <= 10.0**power) for power in powers}
 
 
-def winners_table(made: Sequence[Attempt]) -> str:
+def cheapest_table(made: Sequence[Attempt]) -> str:
     """Return a Markdown table: for each decade of error, the attempt that reaches it at the least of each cost."""
     found = {cost: cheapest_by_decade(made, cost) for cost in COSTS if pareto_front(made, cost)}
     heads = [head for cost in found for head in (f"least {COSTS[cost]}", COSTS[cost])]
@@ -203,12 +202,12 @@ def winners_table(made: Sequence[Attempt]) -> str:
     return "\n".join(lines)
 
 
-def front_table(made: Sequence[Attempt]) -> str:
+def pareto_table(made: Sequence[Attempt]) -> str:
     """Return a Markdown table of the attempts on the Pareto fronts of error and each cost, the largest error first."""
     fronts = {cost: pareto_front(made, cost) for cost in COSTS}
     rows = [["", "", "unbeaten in", "rms error, of the range", *COSTS.values()]]
     for each in sorted({each for on_front in fronts.values() for each in on_front}, key=lambda each: -each.error):
         where = " and ".join(COSTS[cost] for cost, on_front in fronts.items() if each in on_front)
-        costs = [_number(getattr(each, cost), ".3g") for cost in COSTS]
+        costs = [_format_number(getattr(each, cost), ".3g") for cost in COSTS]
         rows.append([each.label, each.setting, where, f"{each.error:.2e}", *costs])
-    return _table(rows, 3)
+    return _markdown_table(rows, 3)

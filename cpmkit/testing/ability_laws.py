@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.manifold import abilities
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
-from cpmkit.testing.queries import ROUND_OFF_SHARE, Subject, certain, law, require, require_refusal, require_rows
+from cpmkit.testing.queries import ROUND_OFF_SHARE, Subject, certain_rows, law, require, require_refusal, require_rows
 from cpmkit.types import Floats, Ints
 
 #: Step across or along the manifold by which normals and tangents are checked, relative to the size.
@@ -31,9 +31,9 @@ def check_normals(subject: Subject, x: Floats) -> None:
     majority.
     """
     feet = subject.feet(x)
-    feet = feet.take(certain(feet))
+    feet = feet.take(certain_rows(feet))
     normals = subject.source.normals(feet)
-    _require_unit(normals, feet.points)
+    _require_unit_length(normals, feet.points)
     feet, normals = feet.take(feet.edge < 0), normals[feet.edge < 0]
     step = DIRECTION_STEP_SHARE * subject.size * normals
     sides = [subject.source.closest_point(np.ascontiguousarray(feet.points + s * step)) for s in (1.0, -1.0)]
@@ -50,15 +50,15 @@ def check_facet_normals(subject: Subject, x: Floats) -> None:
     feet = subject.feet(x)
     normals = subject.source.facet_normals(feet)
     flat = np.isfinite(normals).any(axis=1)
-    _require_unit(normals[flat], feet.points[flat])
+    _require_unit_length(normals[flat], feet.points[flat])
 
 
 @law("near", abilities.HasTangents)
 def check_tangents(subject: Subject, x: Floats) -> None:
     """Tangents have length one, lie along the curve, and those of neighbouring feet have the same direction."""
     feet = subject.feet(x)
-    feet = feet.take(certain(feet))
-    _require_unit(subject.source.tangents(feet), feet.points)
+    feet = feet.take(certain_rows(feet))
+    _require_unit_length(subject.source.tangents(feet), feet.points)
     feet = feet.take(feet.edge < 0)
     tangents = subject.source.tangents(feet)
     ahead = subject.source.closest_point(
@@ -150,9 +150,9 @@ def check_translation(subject: Subject, x: Floats) -> None:
 def check_left(subject: Subject, x: Floats) -> None:
     """Vectors to the left have length one and are perpendicular to the curve; ``left_of`` lies on the left."""
     feet = subject.source.closest_point(x)
-    feet = feet.take(certain(feet))
+    feet = feet.take(certain_rows(feet))
     left = subject.source.leftward(feet)
-    _require_unit(left, feet.points)
+    _require_unit_length(left, feet.points)
     if isinstance(subject.source, abilities.HasTangents):
         along = np.abs(np.sum(left * subject.source.tangents(feet), axis=1))
         require_rows(along <= ROUND_OFF_SHARE, feet.points, "A vector to the left leans along the curve by", along)
@@ -184,7 +184,7 @@ def _require_corners(cells: Ints, manifold_dim: int | None) -> None:
     )
 
 
-def _require_unit(vectors: Floats, points: Floats) -> None:
+def _require_unit_length(vectors: Floats, points: Floats) -> None:
     """Raise AssertionError unless ``vectors`` have the shape (n, d) of ``points``, type float64 and length one."""
     require(vectors.shape == points.shape, f"There are {vectors.shape} vectors for {points.shape} feet.")
     require(vectors.dtype == np.float64, f"Vectors are {vectors.dtype}, not float64.")
@@ -239,9 +239,9 @@ def check_sheets(subject: Subject, x: Floats) -> None:
     on one may be no local minimum of both.
     """
     rows, feet = subject.source.local_minima(x, RADII_SHARES[1] * subject.size)
-    for member, chosen in _by_member(subject.source, feet):
-        _require_distinct(x, rows[chosen], feet.take(chosen), subject)
-        chosen = chosen[certain(feet.take(chosen))]
+    for member, chosen in _member_feet(subject.source, feet):
+        _require_distinct_feet(x, rows[chosen], feet.take(chosen), subject)
+        chosen = chosen[certain_rows(feet.take(chosen))]
         points, towards = feet.points[chosen], TOWARDS_QUERY_SHARE * (x[rows[chosen]] - feet.points[chosen])
         nearest = member.closest_point(np.ascontiguousarray(points + towards)).points
         slid = np.linalg.norm(nearest - points, axis=1)
@@ -284,14 +284,14 @@ def _require_order(subject: Subject, x: Floats, rows: Ints, feet: ClosestPoints)
     )
 
 
-def _by_member(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tuple[ClosestPointSource, Ints]]:
+def _member_feet(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tuple[ClosestPointSource, Ints]]:
     """Yield each member of a union, or the source itself, with the indices (k,) of its points among ``feet``."""
     for number, member in enumerate(abilities.members_of(source)):
         everywhere = not isinstance(source, abilities.HasMembers)
         yield member, np.arange(len(feet)) if everywhere else np.flatnonzero(feet.element == number)
 
 
-def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subject) -> None:
+def _require_distinct_feet(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subject) -> None:
     """Raise AssertionError if two of the k ``feet`` of a query coincide; ``rows`` (k,) are their queries in ``x``."""
     order = np.lexsort((*feet.points.T, rows))
     ahead = np.roll(order, -1)

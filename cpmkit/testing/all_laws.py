@@ -22,10 +22,7 @@ def run_laws(case: ConformanceCase) -> None:
 
 
 def parametrize_with_laws(cases: Iterable[ConformanceCase]) -> Callable[[Any], Any]:
-    """Return a pytest decorator that runs a test for each pair of a case and a law.
-
-    The test has the arguments ``case`` and ``law``.
-    """
+    """Return a pytest decorator that runs a test with the arguments ``case`` and ``law`` for each pair of these."""
     import pytest
 
     pairs = [

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.manifold.abilities import edge_limit_of
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
-from cpmkit.testing.queries import Subject, certain, law, require, require_refusal, require_rows, symmetric_points
+from cpmkit.testing.queries import Subject, certain_rows, law, require, require_refusal, require_rows, symmetric_points
 from cpmkit.types import Floats
 
 
@@ -91,7 +91,7 @@ def check_edge(subject: Subject, x: Floats) -> None:
 def check_idempotence(subject: Subject, x: Floats) -> None:
     """The closest point of a foot is that foot, at distance zero."""
     feet = subject.feet(x)
-    feet = feet.take(certain(feet))
+    feet = feet.take(certain_rows(feet))
     again = subject.source.closest_point(np.ascontiguousarray(feet.points))
     apart = np.linalg.norm(again.points - feet.points, axis=1)
     round_off = subject.round_off(feet.points)
@@ -146,7 +146,7 @@ def check_foot(subject: Subject, x: Floats) -> None:
     feet = subject.feet(x)
     allowed = (1 + subject.case.turning_angle) * feet.distance + subject.round_off(x)
     excess = np.linalg.norm(x - feet.points, axis=1) - allowed
-    require_rows((excess <= 0) | ~certain(feet), x, "|x - points| is too large by", excess)
+    require_rows((excess <= 0) | ~certain_rows(feet), x, "|x - points| is too large by", excess)
 
 
 @law()

@@ -93,28 +93,28 @@ def _check_queries(subject: Subject, check: Callable[[Floats], None], near: bool
     radius. If ``check`` raises, the exception for a small batch on which it raises too is raised.
     """
     try:
-        batches = _batches(subject, near)
+        batches = _query_batches(subject, near)
         for x in [np.concatenate(batches)] if together else batches:
             check(x.copy())
     except Exception as failure:
-        _generate(subject, near, check)  # fails on the same batches, and shows a small one
+        _generate_queries(subject, near, check)  # fails on the same batches, and shows a small one
         raise failure
 
 
 @lru_cache(maxsize=2)
-def _batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
+def _query_batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
     """Return the batches (n, d) that hypothesis draws if none fails; cached, since drawing takes long."""
     drawn: list[Floats] = []
-    _generate(subject, near, drawn.append)
+    _generate_queries(subject, near, drawn.append)
     return tuple(drawn)
 
 
-def _generate(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> None:
+def _generate_queries(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> None:
     """Call ``hold`` with batches (n, d) of queries that hypothesis draws; a batch that fails is reduced to a small one.
 
     ``near`` limits them to the case's radius.
     """
-    draws = _tube(subject) if near else _anywhere(subject)
+    draws = _near_queries(subject) if near else _scattered_queries(subject)
 
     @settings(
         max_examples=20,
@@ -145,8 +145,8 @@ def symmetric_points(subject: Subject) -> Floats:
     return np.asarray(subject.centre + np.concatenate([signs, 0.5 * signs[1:], 1e-170 * signs[1:]]) * half)
 
 
-def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:
-    """Return a strategy for batches (n, d) of a few points that hypothesis chooses and random points."""
+def _scattered_queries(subject: Subject) -> st.SearchStrategy[Floats]:
+    """Return a strategy for batches (n, d): points that hypothesis chooses, up to 1e6 sizes off, and random ones."""
     dim, known = subject.source.dim, subject.known_points
     near = st.floats(-2.0, 2.0)
     lattice = st.integers(-4, 4).map(lambda i: 0.25 * i)
@@ -163,7 +163,7 @@ def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:
     return st.builds(batch, chosen, st.sampled_from([0, 40]), st.integers(0, 2**16))
 
 
-def _tube(subject: Subject) -> st.SearchStrategy[Floats]:
+def _near_queries(subject: Subject) -> st.SearchStrategy[Floats]:
     """Return a strategy for batches (n, d) of points up to the case's radius from the manifold."""
     radius = subject.case.radius or 0.0
 
@@ -195,6 +195,7 @@ def law(
 
         @wraps(check)
         def check_case(case: ConformanceCase) -> None:
+            """Raise AssertionError, with the names of case and law, if the source of ``case`` breaks the law."""
             sentence = (check.__doc__ or "").partition("\n")[0]
             try:
                 about = subject(case)
@@ -242,6 +243,6 @@ def require_refusal(call: Callable[[], object], fault: str) -> None:
     raise AssertionError(f"Queries with {fault} are accepted.")
 
 
-def certain(feet: ClosestPoints) -> Bools:
+def certain_rows(feet: ClosestPoints) -> Bools:
     """Return a mask (n,): True where ``feet`` are not marked as doubtful; all True if the source marks none."""
     return np.ones(len(feet), dtype=np.bool_) if feet.doubtful is None else ~feet.doubtful

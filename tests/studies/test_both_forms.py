@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.studies.reference_values import reference_of
-from cpmkit.studies.run_one import with_step_for_spacing
+from cpmkit.studies.reference_values import compute_reference
+from cpmkit.studies.run_one import tie_step_to_spacing
 from cpmkit.studies.studyfile import load_study
 
 STUDIES = Path(__file__).parents[2] / "examples" / "studies"
@@ -29,7 +29,7 @@ WORSE = 1.1
 )
 def test_no_more_error_is_left(name, spacing):
     study = load_study(STUDIES / f"{name}.toml")
-    scene, truth = with_step_for_spacing(study.scene, study.sweep.step_per_spacing, spacing), reference_of(study)
+    scene, truth = tie_step_to_spacing(study.scene, study.sweep.step_per_spacing, spacing), compute_reference(study)
     errors = {
         form: [off := ck.solve(scene, spacing, form=form).evaluate(truth.points) - truth.values, np.abs(off).max()]
         for form in ("collocation", "galerkin")

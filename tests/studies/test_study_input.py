@@ -12,7 +12,7 @@ import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, PluginError, SceneError
 from cpmkit.studies.records import append_record, group_into_series, read_records
-from cpmkit.studies.reference_values import reference_of
+from cpmkit.studies.reference_values import compute_reference
 from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import make_run, run_study
 from cpmkit.studies.studyfile import load_study
@@ -187,7 +187,7 @@ def test_what_no_run_could_be_made_with_is_refused_before_anything_is_solved(
     )
     if "ball" in message:
         text += 'methods = ["cpm", "ball"]\n'
-    for name in ("run_one.solve", "reference_values.reference_of"):
+    for name in ("run_one.solve", "reference_values.compute_reference"):
         monkeypatch.setattr(f"cpmkit.studies.{name}", lambda *_, **__: pytest.fail("it was solved"))
     with pytest.raises(error, match=message):
         run_study(study(tmp_path, text), tmp_path / "out")
@@ -281,7 +281,7 @@ def test_records_that_cannot_be_written_or_read_are_reported(tmp_path):
 
 def test_a_solution_beyond_all_use_is_recorded_as_an_error(tmp_path):
     one = study(tmp_path)
-    truth = reference_of(one)
+    truth = compute_reference(one)
     truth = replace(truth, values=np.full_like(truth.values, 1e300))
     record = make_run(one, one.sweep.runs()[0], truth)
     assert record["error"].startswith("ResolutionError: the error 1e+300 of the solution")

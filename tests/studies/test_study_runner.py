@@ -13,7 +13,7 @@ from cpmkit.studies import report
 from cpmkit.studies.records import append_record, drop_unfinished_line, group_into_series, read_records
 from cpmkit.studies.reference_values import sample_points, solve_by_fixed_nodes
 from cpmkit.studies.report import write_report
-from cpmkit.studies.run_one import run_study, with_step_for_spacing
+from cpmkit.studies.run_one import run_study, tie_step_to_spacing
 from cpmkit.studies.studyfile import expand_all, expand_names, load_study
 from cpmkit.studies.sweep import Run, Sweep
 
@@ -229,9 +229,9 @@ def test_the_sweep_is_every_combination_that_has_a_meaning():
 
 
 def test_positions_of_the_lattice_are_those_of_the_convention():
-    shifts = [Run("cpm", 0.5, (), number).shift(3) for number in range(16)]
+    shifts = [Run("cpm", 0.5, (), number).lattice_shift(3) for number in range(16)]
     assert np.array_equal(shifts, 0.5 * np.random.default_rng(1).uniform(0, 1, (16, 3)))
-    assert not Run("cpm", 0.5, (), None).shift(3).any()
+    assert not Run("cpm", 0.5, (), None).lattice_shift(3).any()
 
 
 def test_errors_are_rms_over_the_lattices_positions(file, tmp_path):
@@ -299,12 +299,12 @@ def test_the_time_step_is_tied_to_the_spacing():
         problem: Timed
 
     scene = Timeful(Timed())
-    assert with_step_for_spacing(scene, None, 0.05) is scene
+    assert tie_step_to_spacing(scene, None, 0.05) is scene
     for spacing, steps in ((0.2, 5), (0.1, 10), (0.05, 20), (0.15, 7)):
-        assert with_step_for_spacing(scene, 0.1, spacing).problem.step == pytest.approx(0.1 / steps, rel=1e-12)
+        assert tie_step_to_spacing(scene, 0.1, spacing).problem.step == pytest.approx(0.1 / steps, rel=1e-12)
     steady = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0))
     with pytest.raises(SceneError, match=r"step_per_spacing of .sweep. is for problems with a time step"):
-        with_step_for_spacing(replace(steady), 0.1, 0.05)
+        tie_step_to_spacing(replace(steady), 0.1, 0.05)
 
 
 def test_sample_points_lie_on_the_surface_and_off_its_boundaries(file):

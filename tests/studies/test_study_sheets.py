@@ -14,7 +14,7 @@ import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, SceneError
 from cpmkit.studies.records import append_record, group_into_series, read_records
-from cpmkit.studies.reference_values import reference_of
+from cpmkit.studies.reference_values import compute_reference
 from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import make_run, run_study
 from cpmkit.studies.studyfile import load_study
@@ -85,7 +85,7 @@ def measured(name, which=0):
     lower, upper = study.scene.surface.bounds
     assert np.allclose(lower, 0, atol=1e-8)
     assert (upper - lower).max() == pytest.approx(1, abs=1e-8)
-    measure = reference_of(study)
+    measure = compute_reference(study)
     runs = [run for run in study.sweep.runs() if run.spacing == study.sweep.spacings[which]]
     return [series.entries[0] for series in group_into_series([make_run(study, run, measure) for run in runs])]
 
@@ -303,10 +303,10 @@ def test_a_scene_that_cannot_be_compared_is_answered_in_one_sentence(file):
     sphere = PLATE.replace('kind = "mesh.triangles"\nfile = "plate.off"', 'kind = "analytic.sphere"')
     file.write_text(sphere)
     with pytest.raises(SceneError, match=r"points = 'vertices' of .exact. needs a surface that is a mesh"):
-        reference_of(load_study(file))
+        compute_reference(load_study(file))
     file.write_text(PLATE.replace('f = "1 + 4*x*y + 3*z"', 'f = ["x", "y"]'))
     with pytest.raises(SceneError, match="compares one channel, and the scene has 2"):
-        reference_of(load_study(file))
+        compute_reference(load_study(file))
 
 
 def test_records_belong_to_one_reference(file):

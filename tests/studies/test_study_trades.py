@@ -10,9 +10,9 @@ import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
 from cpmkit.studies.records import group_into_series, read_records
-from cpmkit.studies.reference_values import refined_mesh, solve_on_refined_mesh
+from cpmkit.studies.reference_values import refine_surface_mesh, solve_on_refined_mesh
 from cpmkit.studies.report import write_report
-from cpmkit.studies.run_one import costs_in_memory, run_study
+from cpmkit.studies.run_one import memory_entries, run_study
 from cpmkit.studies.studyfile import load_study
 from cpmkit.studies.sweep import Run, Sweep
 from cpmkit.studies.tables import Attempt, cheapest_by_decade, pareto_front
@@ -134,12 +134,12 @@ def test_the_cheapest_below_each_decade_wins():
 
 def test_bytes_are_foretold_where_they_are_not_measured():
     solution = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0)), 0.1)
-    assert costs_in_memory(solution, 5) == {"bytes": 5, "bytes_are": "measured"}
-    foretold = costs_in_memory(solution, None)
+    assert memory_entries(solution, 5) == {"bytes": 5, "bytes_are": "measured"}
+    foretold = memory_entries(solution, None)
     assert foretold["bytes_are"] == "foretold"
     assert foretold["bytes"] > 1000 * solution.discretized.size
     other = SimpleNamespace(discretized=SimpleNamespace(options=None), scene=solution.scene)
-    assert costs_in_memory(other, None) == {"bytes": None, "bytes_are": None}
+    assert memory_entries(other, None) == {"bytes": None, "bytes_are": None}
 
 
 def test_a_refined_mesh_is_finer_and_the_error_on_it_falls_at_second_order():
@@ -147,7 +147,7 @@ def test_a_refined_mesh_is_finer_and_the_error_on_it_falls_at_second_order():
     pytest.importorskip("cpmkit_fem")
     vertices, faces = ck.source("analytic.sphere").mesh(0.8)
     sphere = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="smooth")
-    points, cells = refined_mesh(sphere).mesh(0.1)
+    points, cells = refine_surface_mesh(sphere).mesh(0.1)
     edges = np.linalg.norm(points[cells] - points[np.roll(cells, 1, axis=1)], axis=2)
     assert edges.max() <= 0.1 + 1e-12
     assert np.array_equal(points[: len(vertices)], vertices)
