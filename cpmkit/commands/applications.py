@@ -112,7 +112,10 @@ def map_to_target(**keys: Any) -> None:
 
 
 def _solve_map(arguments: dict[str, Any], _wants_error: bool) -> ApplicationResult:
-    """Return the map that ``harmonic_map(**arguments)`` computes, with its energies and degree (None if undefined)."""
+    """Return the harmonic map of ``arguments``, with its energies and degree (None if undefined).
+
+    A ``texture`` among the arguments, which is removed there, is drawn in the picture.
+    """
     from cpmkit.applications import harmonic_map
     from cpmkit.errors import CpmkitError
 

@@ -189,9 +189,9 @@ def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
 
 
 def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:
-    """Return the conditions of edge loop number ``loop``; None if they are not given loop by loop.
+    """Return the conditions that hold on edge loop number ``loop``; it may be None if they hold on every loop.
 
-    Conditions that are not given loop by loop hold on every loop. Raises SceneError if the loop has none.
+    Raises SceneError if the loop has none.
     """
     loops = loops_of_edge(edge)
     if None not in loops and loop not in loops:

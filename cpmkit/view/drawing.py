@@ -56,7 +56,9 @@ def make_camera(points: Floats, more: Floats, width: int, look: Look) -> Camera:
         if up is None:  # y if the model stands on its lowest y and less stably on its lowest z, else z
             y, z = (stability(points, axis) for axis in (1, 2))
             up = "y" if y > 0.08 and y > 2 * z else "z"
-            if look.view is not None and abs(_unit(look.view, "view")["xyz".index(up)]) > 0.999:  # from above or below
+            if (
+                look.view is not None and abs(_camera_direction(look.view, "view")["xyz".index(up)]) > 0.999
+            ):  # from above or below
                 up = "z" if up == "y" else "y"
             guessed = ", on which the model stands" if up == "y" else ""
         axes = camera_axes(look.view, up)
@@ -100,10 +102,10 @@ def camera_axes(view: Any, up: Any) -> Floats:
     with y up is along z. ``up`` is "x", "y", "z" or (3,); None is z. Raises InputError if a vector is zero, or the two
     are parallel.
     """
-    upward = _unit(np.eye(3)["xyz".index(up)] if isinstance(up, str) else up or (0.0, 0.0, 1.0), "up")
+    upward = _camera_direction(np.eye(3)["xyz".index(up)] if isinstance(up, str) else up or (0.0, 0.0, 1.0), "up")
     axis = int(np.abs(upward).argmax()) if np.abs(upward).max() > 0.999 else 2
     default = ((0.6, 0.55, -1.0), (0.55, 0.6, 1.0), (0.55, -1.0, 0.6))[axis]
-    toward = _unit(default if view is None else view, "view")
+    toward = _camera_direction(default if view is None else view, "view")
     right = np.cross(upward, toward)
     if np.linalg.norm(right) < 1e-6:
         raise InputError(f"view and up must not be parallel, got {toward.tolist()} and {upward.tolist()}.")
@@ -116,8 +118,8 @@ def _as_text(vector: Sequence[float] | Floats) -> str:
     return "(" + ", ".join(f"{entry:.2g}" for entry in vector) + ")"
 
 
-def _unit(direction: Any, label: str) -> Floats:
-    """Return the unit vector (3,) of a direction; raise InputError, which names it as ``label``, if it is zero."""
+def _camera_direction(direction: Any, label: str) -> Floats:
+    """Return the unit vector (3,) of a camera's direction; if that is zero, raise InputError, which calls it ``label``."""
     vector = np.array(direction, dtype=np.float64)
     if not vector.any():
         raise InputError(f"{label} must be a direction, got three zeros.")

@@ -148,12 +148,13 @@ def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
 def plot(solution: SolutionRecord, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
     """Draw a solution on axes of matplotlib, by default of a new figure 900 pixels wide, and return them.
 
-    ``options`` are those of Look. Raises InputError if one is not accepted or the surface has no mesh.
+    ``options`` are those of Look. Raises InputError if one is not accepted or the surface has no mesh, and
+    MissingDependencyError without matplotlib.
     """
-    from matplotlib import pyplot
-
     look = Look.from_options({"width": 900, **options}, "a plot", ("axes",))
     check_look(look)
+    from matplotlib import pyplot
+
     image, _ = render(solution, look)
     if axes is None:
         rows, columns = image.shape[:2]

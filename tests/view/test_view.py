@@ -1,5 +1,6 @@
 """Pictures show the colours that the solution has, in their place, and the camera all of the model."""
 
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from cpmkit.plugin import DisplayMesh
 from cpmkit.scenefile.look import Look
 from cpmkit.view import picture
 from cpmkit.view.drawing import draw_mesh
+from cpmkit.view.showing import plot
 
 matplotlib = pytest.importorskip("matplotlib")
 image = pytest.importorskip("matplotlib.image")
@@ -304,3 +306,6 @@ def test_without_matplotlib_the_extra_is_named(torus, monkeypatch):
     monkeypatch.setattr(cpmkit.view.pictures, "find_spec", lambda name: None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'cpmkit\[view\]'"):
         picture(torus(0.3), "torus.png")
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingDependencyError, match=r"pip install 'cpmkit\[view\]'"):
+        plot(torus(0.3))

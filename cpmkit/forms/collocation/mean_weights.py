@@ -43,7 +43,7 @@ def mean_weights(tables: Discretization) -> Floats:
     solution past the end of their component; their weight is also a function of how far past the end they are, so that
     the end need not be at a node. Without them the mean has an error of first order.
     """
-    bump, beyond = _bumps_and_ends(tables)
+    bump, beyond = _bumps_and_distances_past_ends(tables)
     return bump * _tail_weights(beyond)
 
 
@@ -54,13 +54,18 @@ def _end_weights(tables: Discretization) -> Floats:
     the sum of :func:`mean_weights` and by the square of the spacing, is the flux through all ends over the component's
     measure.
     """
-    bump, beyond = _bumps_and_ends(tables)
+    bump, beyond = _bumps_and_distances_past_ends(tables)
     t = np.clip(beyond, LEAST_END_DISTANCE_SPACINGS, TAIL_SPACINGS)
     return bump * np.minimum(0.5, 0.5 * (TAIL_SPACINGS - t) / t)
 
 
-def _bumps_and_ends(tables: Discretization) -> tuple[Floats, Floats]:
-    """Return the window (n,) at each unknown, and how many spacings (n,) it is past its component's end, or 0."""
+def _bumps_and_distances_past_ends(tables: Discretization) -> tuple[Floats, Floats]:
+    """Return two factors (n,) of quadrature weights: the bump at each unknown, and how far it is past an end.
+
+    The bump is a window in the distance from the manifold, for ghosts times the tail weight of their node. The second
+    is in spacings past the edge of the component, or for ghosts past their boundary: 0 if it is not past one, and
+    `TAIL_SPACINGS` for ghosts where the distance is unknown.
+    """
     band, inner = tables.layout.band, tables.layout.band.inner
     reach = 0.5 * (band.degree + 1) * band.spacing
     offset = (band.positions - band.feet.points)[:inner]

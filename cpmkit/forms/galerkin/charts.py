@@ -88,8 +88,8 @@ def chart_facets(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tupl
 def _charts(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tuple[Ints, Ints, Ints, bool]:
     """Return the facets (e,) between two cells that both have a chart, these cells (e, 2), and the chart (m,) of cells.
 
-    Facets are numbers of edges or vertices. The last value is the flag of :func:`chart_facets`. Cells without a chart
-    have -1.
+    Facets are numbers of edges or vertices. Cells without a chart have -1. The arguments and the last value, a flag,
+    are those of :func:`chart_facets`.
     """
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64), np.full(len(mesh.cells), -1), False
     centres, vectors = mesh.vertices[mesh.cells].mean(axis=1), _measure_vectors(mesh)

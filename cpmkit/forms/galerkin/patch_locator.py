@@ -81,7 +81,8 @@ class PatchLocator:
     def signed_distance(self, number: int, points: Floats) -> Floats:
         """Return the distances (k,) of ``points`` (k, d) from boundary ``number``, positive on its left.
 
-        Points are relative to the lattice's origin. The distance is NaN past the ends of the boundary.
+        Points are relative to the lattice's origin. The distance is NaN past open ends of the boundary, and
+        everywhere if it has no left.
         """
         oriented = self.boundaries[number]
         at = self.lattice.to_scene(points) - oriented.left.origin

@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.plugin import Bools, ClosestPoints, Floats, unit
 from cpmkit_mesh.face_geometry import face_normals, nonmanifold_edges
 from cpmkit_mesh.triangles import ON_EDGE_COORDINATE, TriangleMesh
-from cpmkit_mesh.unsupported_edges import support_warnings, supported_normals
+from cpmkit_mesh.unsupported_edges import support_warnings, tilt_normals_at_unsupported_edges
 
 #: A closest point with a barycentric coordinate below this lies at the edge opposite that corner: those of points of
 #: the smooth surface above the edge do not lie on it to rounding.
@@ -60,4 +60,4 @@ class OrientedTriangleMesh(TriangleMesh):
     @property
     def _normals_to_follow(self) -> Floats:
         """(m, 3, 3) the normals at the corners of each face, tilted so that they are normal to unsupported edges."""
-        return supported_normals(self)
+        return tilt_normals_at_unsupported_edges(self)

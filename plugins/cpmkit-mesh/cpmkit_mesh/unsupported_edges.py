@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 UNSUPPORTED_AREA_SHARE = 0.05
 
 
-def supported_normals(mesh: OrientedTriangleMesh) -> Floats:
+def tilt_normals_at_unsupported_edges(mesh: OrientedTriangleMesh) -> Floats:
     """Return (m, 3, 3) unit normals at corners, tilted least so that they are orthogonal to unsupported edges.
 
     An edge is unsupported where the mesh beyond it does not turn as the vertex normals say. The corners of a flat face

@@ -4,7 +4,7 @@ import coarse_meshes as meshes
 import numpy as np
 import pytest
 from cpmkit_mesh import triangles
-from cpmkit_mesh.unsupported_edges import supported_normals
+from cpmkit_mesh.unsupported_edges import tilt_normals_at_unsupported_edges
 
 import cpmkit as ck
 
@@ -90,4 +90,4 @@ def test_closest_points_on_flat_faces_beside_fillets_are_straight_below(mesh, in
 )
 def test_closest_points_on_smooth_shapes_follow_the_normals_as_they_are(mesh):
     smooth = triangles(vertices=mesh[0], faces=mesh[1])
-    assert supported_normals(smooth) is smooth.normals_at_corners
+    assert tilt_normals_at_unsupported_edges(smooth) is smooth.normals_at_corners
