@@ -119,7 +119,7 @@ def _as_text(vector: Sequence[float] | Floats) -> str:
 
 
 def _camera_direction(direction: Any, label: str) -> Floats:
-    """Return the unit vector (3,) of a camera's direction; if that is zero, raise InputError, which calls it ``label``."""
+    """Return the unit vector (3,) of a camera's direction; raise InputError, with ``label``, if it is zero."""
     vector = np.array(direction, dtype=np.float64)
     if not vector.any():
         raise InputError(f"{label} must be a direction, got three zeros.")
