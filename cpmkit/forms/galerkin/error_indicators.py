@@ -23,8 +23,9 @@ MESH_DIVISOR, TURNING_DIVISOR, CURVED_AREA, SEEN_LAYER_SPACINGS, SLOW_DIVISOR = 
 #: On smooth sources that are curved so sharply on the coarser lattice alone: along an edge whose radius is between both
 #: spacings the largest error hardly falls (of a body with one it was three times the estimate with 6; a torus: 8).
 BENDING_DIVISOR = 3.0
-#: On meshes that are folded on the coarser lattice, or on the finer one on more than a small share; on smooth sources
-#: whose folds persist on more than this share of the area.
+#: On meshes that are folded on the coarser lattice, or on the finer one on more than a small share, and where charts
+#: cut at folds alone on one of the lattices; where they cut at voids, and on smooth sources whose folds persist on more
+#: than this share of the area.
 FOLDED_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 1.0, 0.1
 #: Root mean square of third differences over that of errors, and largest over largest, of cells that follow the source
 #: (on 22 problems at 250 to 3,000 unknowns: 60 to 240, and 50 to 300), of flat cells (95 to 110, and 80 to 150), of
@@ -70,16 +71,16 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
     """Return the divisor at twice the spacing in :func:`difference_order`; ``smooth`` is that of smooth sources."""
     if resolution.end_or_layer_reason():
         return SLOW_DIVISOR
-    lattices = [resolution] if coarser is None else [resolution, coarser]
-    has_charts = any(each.coefficients.sampled.has_charts for each in lattices)
+    lattices = [each.coefficients.sampled for each in (resolution, coarser) if each is not None]
+    if any(each.has_charts for each in lattices):
+        return min(smooth, THIN_DIVISOR if any(each.has_voids for each in lattices) else FOLDED_DIVISOR)
     spread = resolution.normal_spread
     coarser_share = 0.0 if coarser is None else coarser.normal_spread.unresolved_share
     persists = spread.unresolved_share > FOLDED_SHARE if coarser is None else resolution.folds_persist(coarser)
     if resolution.coefficients.sampled.geometry != "closest_point":
         folded = spread.unresolved_share > PERSISTING_AREA or coarser_share > FOLDED_SHARE
-        of_mesh = THIN_DIVISOR if has_charts else FOLDED_DIVISOR if folded else MESH_DIVISOR
-        return SLOW_DIVISOR if persists else min(smooth, of_mesh)
-    if has_charts or (persists and spread.unresolved_share > THIN_SHARE):
+        return SLOW_DIVISOR if persists else min(smooth, FOLDED_DIVISOR if folded else MESH_DIVISOR)
+    if persists and spread.unresolved_share > THIN_SHARE:
         return THIN_DIVISOR
     if (
         spread.bending_share > CURVED_AREA
