@@ -153,7 +153,7 @@ class FormOperators(ABC):
         return free_pieces(stiffness, lambda: self.mass)
 
     def means_without_flux(self) -> SparseMatrix | None:
-        """Return the means (k, n) over the k pieces that no flux leaves; None if there are none or they are inexact."""
+        """Return the matrix (k, n) of means over the k pieces that no flux leaves; None if none is, or inexact."""
         return None
 
 
@@ -225,7 +225,9 @@ class FormValues(FormOperators):
     def rows(self, points: Floats, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d).
 
-        ``side`` is the side from which points on boundaries are read, for all or by name; None leaves it to the form.
+        Points are in the scene's coordinates. ``side`` is the side from which points on boundaries are read, for all or
+        by name; None leaves it to the form. Raises InputError if a point is not finite or too far from the manifold, or
+        a side is not one of the scene's.
         """
 
     def evaluate(self, u: Floats, points: Any, side: Sides = None) -> Floats:

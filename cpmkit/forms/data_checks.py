@@ -217,7 +217,7 @@ def data_warnings(form: Discretized, conditions: Iterable[DataAtPoints], spacing
     ``spacing``: spacing of the finest lattice; by default that of the form.
     """
     width = form.spacing if spacing is None else spacing
-    return [text for data in _all_data(form, conditions) for text in _warnings(form.scene, data, width)]
+    return [text for data in _checked_data(form, conditions) for text in _warnings(form.scene, data, width)]
 
 
 def nugget(values: Floats, points: Floats, spacing: float) -> float:
@@ -244,8 +244,8 @@ def nugget(values: Floats, points: Floats, spacing: float) -> float:
     return float(np.sqrt(share.max()))
 
 
-def _all_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator[DataAtPoints]:
-    """Yield the data of the equation and of the conditions, each at some of the points at which the form reads them."""
+def _checked_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator[DataAtPoints]:
+    """Yield f, c and the diffusivity, then data of conditions, each at some of the points where the form reads them."""
     terms, points = form.scene.problem.terms(), form.points
     points = points[_rows_in_runs(len(points))]
     yield DataAtPoints("the right-hand side f", terms.f, points)

@@ -62,7 +62,11 @@ class Discretization:
 
     @cached_property
     def sources(self) -> RowFormula:
-        """The points at which unknowns read right-hand sides and initial data, ghosts on the side they continue."""
+        """The formula, a row for each unknown, by which right-hand sides and initial data are read.
+
+        Data near boundaries are extrapolated from several points; ghosts read on the side that they continue. Points
+        are relative to the lattice's origin.
+        """
         formulas = [self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)]
         numbers = np.split(self.unknowns.unknown_of_row, self.unknowns.first_rows[:-1])
         is_unknown = self.unknowns.unknown_of_row >= 0

@@ -214,7 +214,10 @@ class Collocation(Reader):
         return None if border is None else with_smooth_means(self.tables, border)
 
     def means_without_flux(self) -> SparseMatrix | None:
-        """Return the means (k, n) over the k components that no flux leaves; None at order 1, or without any."""
+        """Return the matrix (k, n) of means over the k components that no flux leaves.
+
+        None if there is none, any boundary has ghosts, or the layout is of order 1, whose means are too inexact.
+        """
         if self.tables.layout.order == 1:
             return None
         count, piece = components_without_flux(self.tables, self.scene)
