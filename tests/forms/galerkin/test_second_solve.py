@@ -103,6 +103,6 @@ def test_a_cloud_is_examined_once(monkeypatch):
     points = rng.normal(size=(1500, 3))
     source = ck.source("pointcloud.points", points=points / np.linalg.norm(points, axis=1)[:, None])
     ck.solve(ck.Scene(source, F), 0.4, form="galerkin")
-    calls = counted(monkeypatch, [(cloud, "open_samples"), (cloud, "slope_error")])
+    calls = counted(monkeypatch, [(cloud, "count_open_samples"), (cloud, "slope_error")])
     ck.solve(ck.Scene(source, F), 0.35, form="galerkin")
     assert calls == []
