@@ -91,7 +91,9 @@ def test_a_wall_on_an_edge_inside_a_floor_is_joined_to_it():
     points, faces = together(floor, wall)
     mesh = triangles(vertices=points, faces=faces)
     assert mesh.component.max() == 0
-    assert any(text.startswith("4 edges of the mesh are shared by three") for text in mesh.advice(0.1).closest_point_warnings)
+    assert any(
+        text.startswith("4 edges of the mesh are shared by three") for text in mesh.advice(0.1).closest_point_warnings
+    )
     assert area(mesh) == pytest.approx(3.0, rel=1e-12)
 
 
