@@ -135,7 +135,7 @@ class Pieces:
         """
         if self.count == 1 or not len(points):
             return np.zeros(len(points), dtype=np.int64)
-        return np.asarray(np.rint(form.rows(points) @ self.of_unknown.astype(np.float64)).astype(np.int64))
+        return np.asarray(np.rint(form.evaluation_matrix(points) @ self.of_unknown.astype(np.float64)).astype(np.int64))
 
 
 #: Cache of :func:`pieces_of` by discretised scene.

@@ -17,14 +17,14 @@ Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
-class Kind:
+class ValueKind:
     """A kind of plain values (numbers, text, lists, tables), defined by a check; for data read from files."""
 
     words: str  #: Its name in errors: "a whole number of at least 0".
     accepts: Callable[[Any], bool]  #: Returns whether a value is of the kind.
 
 
-def numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
+def numbers(least: float = -math.inf, most: float = math.inf) -> ValueKind:
     """Return the kind of finite numbers from ``least`` to ``most``, without true and false."""
 
     def accepts(value: Any) -> bool:
@@ -34,46 +34,48 @@ def numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
         except OverflowError:  # a whole number of hundreds of digits
             return False
 
-    return Kind(f"a finite number{_range(least, most)}", accepts)
+    return ValueKind(f"a finite number{_range(least, most)}", accepts)
 
 
-def whole_numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
+def whole_numbers(least: float = -math.inf, most: float = math.inf) -> ValueKind:
     """Return the kind of integers from ``least`` to ``most``, without true and false."""
-    return Kind(f"a whole number{_range(least, most)}", lambda value: type(value) is int and least <= value <= most)
+    return ValueKind(
+        f"a whole number{_range(least, most)}", lambda value: type(value) is int and least <= value <= most
+    )
 
 
-def choice_of(*words: str) -> Kind:
+def choice_of(*words: str) -> ValueKind:
     """Return the kind of texts that are one of ``words``."""
-    return Kind(f"one of {', '.join(words)}", lambda value: type(value) is str and value in words)
+    return ValueKind(f"one of {', '.join(words)}", lambda value: type(value) is str and value in words)
 
 
-TEXT = Kind("text", lambda value: type(value) is str)
-FLAG = Kind("true or false", lambda value: type(value) is bool)
-ANYTHING = Kind("anything", lambda _: True)
+TEXT = ValueKind("text", lambda value: type(value) is str)
+FLAG = ValueKind("true or false", lambda value: type(value) is bool)
+ANYTHING = ValueKind("anything", lambda _: True)
 
 
-def or_none(kind: Kind) -> Kind:
+def or_none(kind: ValueKind) -> ValueKind:
     """Return the kind of values that are of ``kind`` or null."""
-    return Kind(f"{kind.words}, or null", lambda value: value is None or kind.accepts(value))
+    return ValueKind(f"{kind.words}, or null", lambda value: value is None or kind.accepts(value))
 
 
-def list_of(kind: Kind) -> Kind:
+def list_of(kind: ValueKind) -> ValueKind:
     """Return the kind of lists whose entries are of ``kind``."""
-    return Kind(
+    return ValueKind(
         f"a list with {kind.words} each", lambda value: isinstance(value, list) and all(map(kind.accepts, value))
     )
 
 
-def table_of(kind: Kind) -> Kind:
+def table_of(kind: ValueKind) -> ValueKind:
     """Return the kind of tables whose values are of ``kind``."""
-    return Kind(
+    return ValueKind(
         f"a table with {kind.words} each",
         lambda value: isinstance(value, Mapping) and all(map(kind.accepts, value.values())),
     )
 
 
 def check_fields(
-    table: Any, needed: Mapping[str, Kind], where: str, optional: Mapping[str, Kind] | None = None
+    table: Any, needed: Mapping[str, ValueKind], where: str, optional: Mapping[str, ValueKind] | None = None
 ) -> Mapping[str, Any]:
     """Return ``table`` if it has all ``needed`` fields, and these and its ``optional`` fields are of their kinds.
 
@@ -109,7 +111,7 @@ def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
     return record(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
 
 
-def _kind(hint: Any) -> Kind:
+def _kind(hint: Any) -> ValueKind:
     """Return the kind of plain values that the annotation ``hint`` accepts; raise TypeError for other annotations."""
     plain = {str: TEXT, bool: FLAG, int: whole_numbers(0), float: numbers()}
     if hint in plain:

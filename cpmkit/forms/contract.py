@@ -152,7 +152,7 @@ class FormOperators(ABC):
         """Return the indicators and means of the pieces where u + constant solves A u = b if u does; else None."""
         return free_pieces(stiffness, lambda: self.mass)
 
-    def means_without_flux(self) -> SparseMatrix | None:
+    def closed_component_means(self) -> SparseMatrix | None:
         """Return the matrix (k, n) of means over the k pieces that no flux leaves; None if none is, or inexact."""
         return None
 
@@ -222,7 +222,7 @@ class FormValues(FormOperators):
         """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
 
     @abstractmethod
-    def rows(self, points: Floats, side: Sides = None) -> SparseMatrix:
+    def evaluation_matrix(self, points: Floats, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d).
 
         Points are in the scene's coordinates. ``side`` is the side from which points on boundaries are read, for all or
@@ -230,17 +230,20 @@ class FormValues(FormOperators):
         a side is not one of the scene's.
         """
 
+    #: The former name of :meth:`evaluation_matrix`.
+    rows = DeprecatedMember("evaluation_matrix")
+
     def evaluate(self, u: Floats, points: Any, side: Sides = None) -> Floats:
-        """Return the values (k, channels) of u (n, channels) at ``points`` (k, d), read as by :meth:`rows`."""
+        """Return the values (k, channels) of u (n, channels) at ``points`` (k, d); see :meth:`evaluation_matrix`."""
         at = as_points(points, self.scene.surface.dim)
         starts = range(0, max(len(at), 1), EVALUATION_CHUNK_POINTS)
         parts = (at[start : start + EVALUATION_CHUNK_POINTS] for start in starts)
-        return np.concatenate([self.rows(part, side) @ u for part in parts])
+        return np.concatenate([self.evaluation_matrix(part, side) @ u for part in parts])
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
         """Return the tangential gradient (k, channels, d) of u at ``points`` (k, d), by default at :attr:`points`.
 
-        ``side`` is as in :meth:`rows`. Raises InputError unless the form overrides it.
+        ``side`` is as in :meth:`evaluation_matrix`. Raises InputError unless the form overrides it.
         """
         raise InputError(f"the form {self.form!r} evaluates no gradients.")
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
-from cpmkit.files.plain_values import ANYTHING, TEXT, Kind, check_fields, list_of, numbers, table_of, whole_numbers
+from cpmkit.files.plain_values import ANYTHING, TEXT, ValueKind, check_fields, list_of, numbers, table_of, whole_numbers
 from cpmkit.files.whole_files import explain_system_error, remove_leftovers, unfinished_name, write_png, written_whole
 from cpmkit.forms.choice import RENAMED_OPTIONS, every_option
 from cpmkit.manifold.abilities import HasMesh
@@ -85,8 +85,10 @@ REBUILT_KEYS = {
     "warnings": list_of(TEXT),
 }
 SCENE_KEYS = {
-    "problem": Kind("a table with a kind", lambda table: ANY_TABLE.accepts(table) and TEXT.accepts(table.get("kind"))),
-    "boundaries": list_of(Kind("a table with a name and its conditions", _is_boundary)),
+    "problem": ValueKind(
+        "a table with a kind", lambda table: ANY_TABLE.accepts(table) and TEXT.accepts(table.get("kind"))
+    ),
+    "boundaries": list_of(ValueKind("a table with a name and its conditions", _is_boundary)),
 }
 
 

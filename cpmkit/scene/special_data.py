@@ -197,7 +197,7 @@ class PointSource(Functional):
 
     def values(self, form: Any) -> Floats:
         """Return sum_k strength_k phi_i(at_k) (n, channels) for the n test functions phi_i of the ``form``."""
-        loads = np.asarray(form.rows(self.at).T @ self.strength)
+        loads = np.asarray(form.evaluation_matrix(self.at).T @ self.strength)
         return loads if loads.shape[1] == form.scene.channels else np.repeat(loads, form.scene.channels, axis=1)
 
 

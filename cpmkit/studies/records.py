@@ -47,7 +47,7 @@ OPTIONAL_ENTRIES = {
     **{f"asked_{name}": plain_values.or_none(SPACING_KIND) for name in TARGETS},
     "twins": plain_values.or_none(COUNT_KIND),
     "imbalances": plain_values.list_of(
-        plain_values.Kind(
+        plain_values.ValueKind(
             "a table with the list of numbers shift",
             lambda entry: isinstance(entry, Mapping) and SHIFT_KIND.accepts(entry.get("shift")),
         )
@@ -77,7 +77,8 @@ def _parse_record(line: bytes, where: str) -> Record:
     record = {RENAMED_OPTIONS.get(name, name): value for name, value in record.items()}
     accepts = {name: every_option()[name].accepts for name in listed_options()}
     options = {
-        name: plain_values.or_none(plain_values.Kind("a value that it takes", check)) for name, check in accepts.items()
+        name: plain_values.or_none(plain_values.ValueKind("a value that it takes", check))
+        for name, check in accepts.items()
     }
     try:
         plain_values.check_fields(

@@ -70,7 +70,7 @@ class Cotangent(Discretized):
     def inner(self, u, v):
         return u.T @ (self.areas[:, None] * v) / self.areas.sum()
 
-    def rows(self, points, side=None):  # nearest vertices
+    def evaluation_matrix(self, points, side=None):  # nearest vertices
         nearest = cKDTree(self.vertices).query(points)[1]
         return coo_array((np.ones(len(nearest)), (np.arange(len(nearest)), nearest)), (len(nearest), self.size)).tocsr()
 

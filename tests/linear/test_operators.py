@@ -81,7 +81,7 @@ def test_rows_read_values_and_gradients(form):
     scene = ck.Scene(CIRCLE, ck.ScreenedPoisson(lambda x: 2 * x[:, 0]), [CUT])
     solution, points = ck.solve(scene, 0.05, form=form), np.array([[0.6, 0.8], [-1.0, 0.0], [0.0, -1.0]])
     form, u = solution.discretized, solution.values
-    np.testing.assert_allclose(form.rows(points) @ u[:, 0], solution.evaluate(points), atol=1e-13)
+    np.testing.assert_allclose(form.evaluation_matrix(points) @ u[:, 0], solution.evaluate(points), atol=1e-13)
     np.testing.assert_allclose(form.gradient(u, points)[:, 0], solution.gradient(points), atol=1e-10)
 
 

@@ -35,7 +35,7 @@ def _heat_drift_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.Histo
         return []
     if heat.after_step is not None:
         return []
-    mean = problem.form.means_without_flux()
+    mean = problem.form.closed_component_means()
     if mean is None:
         return []
     supplied = (history[-1].time - plan.start.time) * (mean @ problem.steady_forcing)

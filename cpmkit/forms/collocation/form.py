@@ -213,7 +213,7 @@ class Collocation(Reader):
         border = super().free_constants(stiffness)
         return None if border is None else with_smooth_means(self.tables, border)
 
-    def means_without_flux(self) -> SparseMatrix | None:
+    def closed_component_means(self) -> SparseMatrix | None:
         """Return the matrix (k, n) of means over the k components that no flux leaves.
 
         None if there is none, any boundary has ghosts, or the layout is of order 1, whose means are too inexact.

@@ -47,7 +47,7 @@ class Reader(Discretized):
         band = self.tables.layout.band
         return reading_radius(band.dim, band.degree) * band.spacing
 
-    def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
+    def evaluation_matrix(self, points: Any, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, unknowns) that interpolates at the manifold's points nearest to ``points`` (k, d).
 
         Points on a boundary are read from its ``side``, for all or by name. InputError if one is beyond :attr:`radius`.

@@ -21,7 +21,6 @@ from cpmkit.forms.galerkin.space.energy import scalar_coefficient
 from cpmkit.linear.multigrid.solver import Level
 from cpmkit.linear.operators import Border, CsrOperator, Operator, Stiffness, with_diagonal
 from cpmkit.runtime.memory import state_without_cached
-from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Flux, Interface, Mixed, Spectral
@@ -285,16 +284,6 @@ class EquationAssembly:
             if not chosen.any():  # nothing flows out of a rim without a condition
                 return np.zeros(u.shape[1]) if self.scene.has_tensor else None
         return self.terms_of_solution(u).flux(u, chosen, time)
-
-    # Loads
-
-    def load_with_upwinding(self, f: Data, time: float | None) -> Floats:
-        """Return the integrals (n, channels) of f at ``time`` times each function, plus upwinding for a velocity."""
-        values = self.coefficients.at_points(f, "the right-hand side f", time, self.scene.channels)
-        loads = self.coefficients.space.load(values)
-        if self.scene_advection is not None:
-            self.scene_advection.add_load(values, loads)
-        return loads
 
     # Constants
 

@@ -146,7 +146,13 @@ class Galerkin(EquationAssembly, Discretized):
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the load (n, channels) of ``f`` at ``time``: integrals with each function, and upwinding."""
-        return f.loads(self, time) if isinstance(f, Functional) else self.load_with_upwinding(f, time)
+        if isinstance(f, Functional):
+            return f.loads(self, time)
+        values = self.data_at_points(f, "the right-hand side f", time, self.scene.channels)
+        loads = self.space.load(values)
+        if self.scene_advection is not None:
+            self.scene_advection.add_load(values, loads)
+        return loads
 
     def gradient_load(self, values: Floats) -> Floats:
         """Return the integrals (n,) of vectors (p, d) at the samples times the tangential gradient of each function."""
@@ -236,12 +242,12 @@ class Galerkin(EquationAssembly, Discretized):
         """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
         return np.asarray(u.T @ self.mass.apply(v) / self.sampled.samples.weights.sum())
 
-    def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
+    def evaluation_matrix(self, points: Any, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, n) that evaluates u on ``side`` at the manifold's points nearest to ``points`` (k, d).
 
         Raises InputError if a point is farther away than three spacings.
         """
-        return self.coefficients.rows(points, side)
+        return self.coefficients.evaluation_matrix(points, side)
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
         """Return the L2 projected tangential gradient (k, channels, d) at ``points`` (k, d); unprojected at samples."""

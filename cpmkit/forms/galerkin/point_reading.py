@@ -79,7 +79,7 @@ class PointReader:
         parts = sampled.samples, self.space.dof_map, sides, sampled.oriented, sheets
         return PatchLocator(sampled.lattice, *parts, sampled.mesh)
 
-    def rows(self, points: Any, side: Sides = None) -> SparseMatrix:
+    def evaluation_matrix(self, points: Any, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, n) that evaluates u on ``side`` at the :meth:`closest_points` of ``points`` (k, d)."""
         feet, patch, cells = self._locate_points(points, side)
         return self.space.value_rows(patch, feet.points, cells)

@@ -92,7 +92,7 @@ class FiniteElements(Equations):
             self.change_variables(u).T @ (self.mass_matrix @ self.change_variables(v)) / self.mass_matrix.sum()
         )
 
-    def rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> csr_array:
+    def evaluation_matrix(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> csr_array:
         """Return matrix (k, n) that evaluates u at the mesh's nearest points to ``points`` (k, d), on their own side.
 
         On a boundary the side is ``side``, or by name of the boundary ``side[name]``, by default left. Raise InputError

@@ -138,5 +138,5 @@ def test_smooth_surfaces_are_read_without_further_searches(monkeypatch):
         scene = ck.Scene(surface, ck.ScreenedPoisson("z"))
         form = ck.discretize(scene, 0.2, form="galerkin")
         points = scene.surface.closest_point(np.random.default_rng(0).uniform(-1, 1, (2000, 3))).points
-        rows = form.rows(points)
+        rows = form.evaluation_matrix(points)
         assert np.abs(rows.sum(axis=1) - 1).max() < 1e-9
