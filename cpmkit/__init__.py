@@ -9,9 +9,10 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
-from cpmkit.runtime.deprecation import lazy_names
+from cpmkit.runtime.deprecation import lazy_names, names_by_use
 
-if TYPE_CHECKING:  # for type checkers and editors, the same names as in the table below
+#: The public names, imported on first use.
+if TYPE_CHECKING:
     from cpmkit.accuracy.solve_to_target import estimate_error_by as estimate_error_by
     from cpmkit.accuracy.solve_to_target import solve_by as solve_by
     from cpmkit.errors import ConvergenceError as ConvergenceError
@@ -73,45 +74,10 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
 
 __version__ = "0.1.0"
 
-#: Modules and the public names that they define, imported on first use.
-_PUBLIC = {
-    "accuracy.solve_to_target": ("estimate_error_by", "solve_by"),
-    "errors": (
-        "ConvergenceError",
-        "CpmkitError",
-        "CpmkitWarning",
-        "InputError",
-        "PluginError",
-        "ResolutionError",
-        "SceneError",
-    ),
-    "facade": ("EigenSolution", "Solution", "pick_line"),
-    "families.steady": ("assemble",),
-    "forms.field": ("Field",),
-    "grid.band": ("build_band",),
-    "loading": ("load",),
-    "manifold.source": ("ClosestPointSource", "ClosestPoints"),
-    "plugins": ("read_mesh", "read_texture_coordinates", "source"),
-    "preparing": ("prepare",),
-    "scene.boundary": ("Boundary",),
-    "scene.compound_equations": ("Biharmonic", "Coupled", "Eigen", "ReactionDiffusion"),
-    "scene.conditions": ("Dirichlet", "Neumann", "Robin"),
-    "scene.equations": ("Elliptic", "Equation", "Helmholtz", "Laplace", "Poisson", "ScreenedPoisson"),
-    "scene.equations_in_time": ("Heat", "Wave"),
-    "scene.nonlinear_equations": ("NonlinearDiffusion", "PLaplacian", "TotalVariation"),
-    "scene.scene": ("Scene",),
-    "scene.special_conditions": ("NonlinearFlux", "SimplySupported", "Steklov", "Transmission"),
-    "scene.special_data": ("Divergence", "PointSource", "VertexData"),
-    "scenefile.kinds": ("kinds",),
-    "scenefile.scene_files": ("load_scene",),
-    "solution.boundary_points": ("boundary_points", "directions_along", "normals_at"),
-    "solving": ("discretize", "estimate_error", "explain", "solve"),
-}
-
-__all__ = sorted(name for names in _PUBLIC.values() for name in names)
-
 #: Messages of long computations are not shown unless the caller configures Python's logging.
 logging.getLogger("cpmkit").addHandler(logging.NullHandler())
 
 if not TYPE_CHECKING:  # else every name, even a misspelt one, would exist for a type checker
-    __getattr__, __dir__ = lazy_names(__name__, _PUBLIC.items(), "cpmkit")
+    _USES = names_by_use(__name__)
+    __getattr__, __dir__ = lazy_names(__name__, _USES)
+    __all__ = sorted(name for names in _USES.values() for name in names)

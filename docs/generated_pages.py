@@ -107,11 +107,11 @@ def _help(context: click.Context) -> str:
 
 
 def facade_page() -> str:
-    """Return a section for each group of the names that a plugin may import."""
+    """Return a section for each use of the names that a plugin may import."""
     parts = []
-    for group, modules in plugin.GROUPS.items():
-        entries = "\n\n".join(_of_facade(name) for names in modules.values() for name in names)
-        parts.append(f"## {group}\n\n```{{eval-rst}}\n{entries}\n```\n")
+    for use, names in plugin.USES.items():
+        entries = "\n\n".join(map(_of_facade, names))
+        parts.append(f"## {use}\n\n```{{eval-rst}}\n{entries}\n```\n")
     return "\n".join(parts)
 
 

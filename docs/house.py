@@ -13,8 +13,6 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-#: What the public names of ``cpmkit`` itself are listed under.
-PUBLIC = "_PUBLIC"
 #: The form whose inside is drawn, too.
 FORMS = ("collocation", "galerkin")
 #: What it shows to type checkers, it imports when it is asked for.
@@ -83,8 +81,8 @@ def _targets(node: ast.AST) -> Iterator[str]:
 def _public() -> dict[str, str]:
     """Return the modules that hold the public names of cpmkit, which it imports on first use."""
     tree = ast.parse(modules()["cpmkit"].read_text(encoding="utf-8"))
-    tables = [node.value for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == PUBLIC]
-    return {name: f"cpmkit.{module}" for module, names in ast.literal_eval(tables[0]).items() for name in names}
+    (block,) = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    return {one.name: node.module for node in block.body for one in node.names}
 
 
 @cache

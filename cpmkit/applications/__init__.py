@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cpmkit.runtime.deprecation import lazy_names
+from cpmkit.runtime.deprecation import lazy_names, names_by_use
 
-if TYPE_CHECKING:  # for type checkers and editors, the same names as in the table below
+#: The public names, imported on first use.
+if TYPE_CHECKING:
     from cpmkit.applications.colouring import ColouredSurface as ColouredSurface
     from cpmkit.applications.colouring import diffusion_curves as diffusion_curves
     from cpmkit.applications.geodesics import Distance as Distance
@@ -25,18 +26,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.applications.vector_fields import TangentField as TangentField
     from cpmkit.applications.vector_fields import vector_field as vector_field
 
-#: Modules and the public names that they define, imported on first use.
-_PUBLIC = {
-    "colouring": ("ColouredSurface", "diffusion_curves"),
-    "geodesics": ("Distance", "geodesic_distance"),
-    "harmonic_maps": ("SurfaceMap", "harmonic_map"),
-    "parallel_transport": ("LogarithmicMap", "TransportedField", "logarithmic_map", "transport_vector"),
-    "signed_distances": ("SignedDistance", "signed_distance"),
-    "texture": ("Texture", "TexturedMesh", "bake"),
-    "vector_fields": ("TangentField", "vector_field"),
-}
-
-__all__ = sorted(name for names in _PUBLIC.values() for name in names)
-
-if not TYPE_CHECKING:  # else a type checker would accept every name, even if misspelt
-    __getattr__, __dir__ = lazy_names(__name__, _PUBLIC.items(), __name__)
+if not TYPE_CHECKING:  # else every name, even a misspelt one, would exist for a type checker
+    _USES = names_by_use(__name__)
+    __getattr__, __dir__ = lazy_names(__name__, _USES)
+    __all__ = sorted(name for names in _USES.values() for name in names)

@@ -3,34 +3,46 @@
 from __future__ import annotations
 
 import functools
+import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any, TypeVar
 
 from cpmkit.errors import CpmkitWarning, InputError
 
 
+def names_by_use(package: str) -> dict[str, dict[str, str]]:
+    """Return the public names of a package and the modules that define them, by use: ``{use: {name: module}}``.
+
+    They are those that the source of the ``package`` imports as themselves in its blocks ``if TYPE_CHECKING:``: what
+    type checkers see. The comment in the first line of a block is the use, "" without a comment.
+    """
+    loader: Any = sys.modules[package].__loader__
+    blocks = re.findall(r"^if TYPE_CHECKING:(?:  # (.*))?\n((?: .*\n)+)", loader.get_source(package), re.MULTILINE)
+    imports = {use: re.findall(r"from (\S+) import (\w+) as \2\n", block) for use, block in blocks}
+    return {use: {name: module for module, name in pairs} for use, pairs in imports.items()}
+
+
 def lazy_names(
-    package: str, table: Iterable[tuple[str, Iterable[str]]], inside: str, advice: str = ""
+    package: str, uses: Mapping[str, Mapping[str, str]], advice: str = ""
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return the functions ``__getattr__`` and ``__dir__`` of a package whose names are imported on first use.
 
     ``package``: name of the package.
-    ``table``: pairs of a module, relative to ``inside``, and the names that it defines.
-    ``inside``: name of the package that contains these modules.
-    ``advice``: end of the message of the AttributeError for a name that is not in the table.
+    ``uses``: its names, as :func:`names_by_use` returns them.
+    ``advice``: end of the message of the AttributeError for another name.
     """
     namespace = vars(sys.modules[package])
-    modules = {name: module for module, names in table for name in names}
+    modules = {name: module for names in uses.values() for name, module in names.items()}
 
     def get(name: str) -> Any:
         """Return the object ``name``, imported and stored in the package; raise AttributeError if it is not listed."""
         if name not in modules:
             message = f"module {package!r} has no attribute {name!r}{advice}"
             raise AttributeError(message, name=name, obj=sys.modules[package])
-        namespace[name] = getattr(import_module(f"{inside}.{modules[name]}"), name)
+        namespace[name] = getattr(import_module(modules[name]), name)
         return namespace[name]
 
     return get, lambda: sorted({*namespace, *modules})

@@ -176,9 +176,9 @@ def test_every_public_name_is_documented():
 
 def test_every_name_that_a_plugin_may_import_is_documented():
     page = from_docs("generated_pages").facade_page()
-    for group, modules in cpmkit.plugin.GROUPS.items():
-        section = page.partition(f"## {group}\n")[2].partition("\n## ")[0]
-        for name in (name for names in modules.values() for name in names):
+    for use, names in cpmkit.plugin.USES.items():
+        section = page.partition(f"## {use}\n")[2].partition("\n## ")[0]
+        for name in names:
             assert f"cpmkit.plugin.{name}\n" in section + "\n" or f"``{name}`` is " in section, name
 
 

@@ -15,8 +15,7 @@ import cpmkit.plugin
 ROOT = Path(__file__).parents[2]
 PLUGINS = sorted(ROOT.glob("plugins/*/cpmkit_*"))
 EXAMPLE = ROOT / "examples" / "cpmkit-neural" / "cpmkit_neural"
-TABLE = [entry for group in cpmkit.plugin.GROUPS.values() for entry in group.items()]
-NAMES = {name: module for module, names in TABLE for name in names}
+NAMES = {name: module for names in cpmkit.plugin.USES.values() for name, module in names.items()}
 #: Modules whose names an author is held to, used by the plugins of the repository or not.
 CONTRACTS = {
     "conditions",
@@ -117,19 +116,17 @@ def test_plugins_import_names_of_the_facade_even_for_their_types(package):
                 assert names <= set(NAMES), file
 
 
-def test_the_table_of_the_facade_is_what_type_checkers_see():
-    seen = {name: module for module, names in imports(ROOT / "cpmkit" / "plugin.py") for name in names}
-    for helper in ("lazy_names", "deprecated_names"):  # these make the table the names of a package
-        seen.pop(helper)
-    assert {name: f"cpmkit.{module}" for name, module in NAMES.items()} == {
-        name: module for name, module in seen.items() if module.partition(".")[0] == "cpmkit"
-    }
-    assert len(NAMES) == sum(len(names) for _, names in TABLE)
+def test_the_facade_offers_what_type_checkers_see_each_name_for_one_use():
+    own = {"typing", "__future__", "cpmkit.runtime.deprecation"}
+    seen = [(module, names) for module, names in imports(ROOT / "cpmkit" / "plugin.py") if module not in own]
+    assert {name: module for module, names in seen for name in names} == NAMES
+    assert len(NAMES) == len(seen) == sum(map(len, cpmkit.plugin.USES.values()))
+    assert all(cpmkit.plugin.USES)  # a comment behind each condition
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_each_name_of_the_facade_is_that_of_its_module(name):
-    assert getattr(cpmkit.plugin, name) is getattr(import_module(f"cpmkit.{NAMES[name]}"), name)
+    assert getattr(cpmkit.plugin, name) is getattr(import_module(NAMES[name]), name)
 
 
 def test_each_name_of_the_facade_serves_a_plugin_or_is_a_part_of_its_contract():

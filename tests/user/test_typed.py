@@ -42,13 +42,12 @@ def test_the_script_uses_public_names_alone():
 
 
 @pytest.mark.parametrize("package", [ck, cpmkit.applications])
-def test_type_checkers_see_the_names_of_the_table(package):
+def test_the_names_of_a_package_are_those_that_type_checkers_see(package):
     tree = ast.parse(Path(package.__file__).read_text(encoding="utf-8"))
     (block,) = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
     seen = {name.name: node.module for node in block.body for name in node.names if name.asname == name.name}
-    table = {name: f"{package.__name__}.{module}" for module, names in package._PUBLIC.items() for name in names}
-    assert seen == table
-    assert set(table) <= set(dir(package))
+    assert package.__all__ == sorted(seen)
+    assert set(seen) <= set(dir(package))
 
 
 def test_a_misspelt_name_is_answered_with_the_one_that_may_be_meant():

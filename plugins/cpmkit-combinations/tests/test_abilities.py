@@ -104,8 +104,7 @@ def test_the_table_answers_for_every_ability():
     rules = [getattr(passing, kind) for passing in ABILITIES.values() for kind in KINDS]
     assert all(len(rule) > 20 for rule in rules if isinstance(rule, str))
     assert all(rule.__doc__ for rule in rules if not isinstance(rule, str))
-    offered = plugin.GROUPS["Abilities of sources"].values()
-    names = [name for names in offered for name in names if name.startswith("Has")]
+    names = [name for name in plugin.USES["Abilities of sources"] if name.startswith("Has")]
     assert set(ABILITIES) == {getattr(plugin, name) for name in names}
 
 
