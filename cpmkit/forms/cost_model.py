@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.forms.options import Options, Own
 from cpmkit.grid.band import base_offset, stencil_codes
-from cpmkit.grid.lattice import Codes, cell_levels, check_spacing_fits, nodes_of_blocks
+from cpmkit.grid.lattice import Codes, cell_levels, check_spacing_fits, estimated_node_count
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import html_table
@@ -200,7 +200,7 @@ class CostModel(ABC, Generic[Own]):
         side, blocks = next((side, blocks) for side, blocks in levels if side == 1 or len(blocks) > COUNTED_CELLS)
         if side == 1:
             return float(len(stencil_codes(blocks, Codes.from_points(blocks, degree + 1), degree)))
-        return nodes_of_blocks(len(blocks), side, source.dim, source.largest_dim, degree)
+        return estimated_node_count(len(blocks), side, source.dim, source.largest_dim, degree)
 
 
 @dataclass(frozen=True)

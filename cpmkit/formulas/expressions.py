@@ -126,8 +126,8 @@ class StateExpression(Formula):
 class ReactionExpression(Formulas):
     """A reaction: one formula for each channel, in the channels u1, u2, ..., the position and the time t.
 
-    A single channel is also called u. Raises SceneError if there is no formula, or one does not parse, is too long, or
-    uses a name or operation that is not available.
+    A single channel is also called u. Raises SceneError unless there are 1 to 100 formulas, each a text that parses, is
+    not too long, and uses available names and operations alone.
 
     Examples
     --------
@@ -164,7 +164,7 @@ class ReactionExpression(Formulas):
     def __call__(self, u: Floats, points: Floats, t: float | None = None) -> Floats:
         """Return the rates (n, channels) for u (n, channels), points (n, d) and the time ``t``.
 
-        Raises SceneError if a formula contains t and ``t`` is None.
+        Raises SceneError if a formula contains t and ``t`` is None, or a coordinate that the points do not have.
         """
         if t is None and self.takes_time:
             raise SceneError(f"the reaction {shown(self.texts)} depends on t, and no time was given.")
@@ -197,7 +197,7 @@ class FormulaJets:
     programs: tuple[Program, ...]
 
     def rows(self, order: int, columns: Floats) -> Floats:
-        """Return values, first, second derivatives up to ``order``, (r, n), at ``columns`` (m, n), see ``programs``."""
+        """Return values, and derivatives up to ``order`` 0, 1 or 2, (r, n), at ``columns`` (m, n), see ``programs``."""
         return self.programs[order](dict(zip(self.names, columns, strict=True)), columns.shape[1])
 
 
@@ -239,14 +239,14 @@ class Derivatives:
         self._known: dict[tuple[int, str], int | None] = {}
 
     def find_derivative(self, place: int, name: str) -> int | None:
-        """Return the place of the derivative of the value at ``place`` by the variable ``name``; None if it is zero."""
+        """Return the place of the derivative of the value at ``place`` by the variable ``name``; None means zero."""
         for earlier in self.steps.dependencies([place]):
             if (earlier, name) not in self._known:
                 self._known[earlier, name] = self._derivative(earlier, name)
         return self._known[place, name]
 
     def _derivative(self, place: int, name: str) -> int | None:
-        """Return the place of the derivative of a step by ``name``, given those of its operands; None if it is zero."""
+        """Return the place of the derivative of a step by ``name``, given those of its operands; None means zero."""
         kind, *operands = self.steps.steps[place]
         if kind in ("name", "number"):
             return self.steps.number(1.0) if [kind, *operands] == ["name", name] else None
@@ -270,8 +270,8 @@ class Derivatives:
     def _multiply(self, a: int, b: int) -> int:
         """Return the place of the product of the values at places a and b, without a product if one is 1 or -1."""
         for first, second in ((a, b), (b, a)):
-            if self.steps.value(first) == 1.0:
+            if self.steps.constant_value(first) == 1.0:
                 return second
-            if self.steps.value(first) == -1.0:
+            if self.steps.constant_value(first) == -1.0:
                 return self.steps.apply("negative", second)
         return self.steps.apply("multiply", a, b)

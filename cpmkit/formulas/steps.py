@@ -43,11 +43,11 @@ def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") ->
     """Return the checked syntax tree of a formula in the variables ``names`` and the constants pi and e.
 
     Raises SceneError, which calls the formula ``label``, if ``text`` is not text, is too long or nested too deeply,
-    does not parse, or uses a name, an operation, a number of arguments or a number that is not available.
+    contains #, does not parse, or uses a name, operation, number of arguments or number that is not available.
     """
     if not isinstance(text, str):
         raise SceneError(f"{label} must be a formula such as 'x**2 + y', got {shown(text)}.")
-    tree = parse(text, label)
+    tree = parse_text(text, label)
     parts = [node for node in ast.walk(tree) if isinstance(node, ast.expr)]
     if len(parts) > MAX_FORMULA_PARTS:
         raise SceneError(
@@ -63,7 +63,7 @@ def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") ->
     return tree
 
 
-def parse(text: str, label: str = "the formula") -> ast.expr:
+def parse_text(text: str, label: str = "the formula") -> ast.expr:
     """Return the syntax tree of a Python expression whose nodes are not checked; :func:`formula_tree` does that.
 
     Raises SceneError, with ``label``, if ``text`` is too long, contains #, is nested too deeply, or does not parse.
@@ -86,7 +86,7 @@ def parse(text: str, label: str = "the formula") -> ast.expr:
 
 
 def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
-    """Return why a node with variables ``names`` is refused, with {part} in place of its text; None if accepted."""
+    """Return why a node of a formula in ``names`` is refused, with {part} in place of its text; None if accepted."""
     word: Any = None
     match node:
         case ast.Constant(value=True | False):
@@ -137,22 +137,22 @@ class Steps:
         """Return the place of a number, which is added if it is new."""
         return self._place(("number", float(value).hex()))  # the text distinguishes 0.0 and -0.0
 
-    def value(self, place: int) -> float | None:
+    def constant_value(self, place: int) -> float | None:
         """Return the number at ``place``, None if the step is not a number."""
         kind, *operands = self.steps[place]
         return float.fromhex(operands[0]) if kind == "number" else None
 
     def apply(self, kernel: str, *operands: int) -> int:
         """Return the place of ``kernel`` applied to places ``operands``, a number if these are; add it if new."""
-        numbers = [self.value(place) for place in operands]
+        numbers = [self.constant_value(place) for place in operands]
         if any(number is None for number in numbers):
             return self._place((kernel, *operands))
         with np.errstate(all="ignore"):
             return self.number(KERNELS[kernel](*map(np.float64, numbers)))
 
     def power(self, base: int, exponent: int) -> int:
-        """Return the place of base^exponent, at places ``base`` and ``exponent``; products for integers up to +-12."""
-        number = self.value(exponent)
+        """Return the place of the ``exponent``-th power of ``base``, both places; products for integers +-1 to +-12."""
+        number = self.constant_value(exponent)
         if number == 0.5:
             return self.apply("sqrt", base)
         # NumPy's power takes ten times as long as products.
@@ -277,7 +277,7 @@ def make_program(steps: Steps, outputs: Sequence[int]) -> Program:
         codes = [[ARITHMETIC.index(kernel), rows[0], rows[-1], result] for kernel, rows, result in part * is_arithmetic]
         stages += [np.array(codes)] if is_arithmetic else part
     return Program(
-        numbers=np.array([steps.value(place) for place in numbers], dtype=np.float64).reshape(-1, 1),
+        numbers=np.array([steps.constant_value(place) for place in numbers], dtype=np.float64).reshape(-1, 1),
         variables={steps.steps[place][1]: row[place] for place in names},
         operations=len(applied),
         stages=tuple(stages),

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError, shown
-from cpmkit.grid.lattice import COUNTED_BLOCKS, Codes, cell_levels, check_band_memory, find_codes, nodes_of_blocks
+from cpmkit.grid.lattice import COUNTED_BLOCKS, Codes, cell_levels, check_band_memory, estimated_node_count, find_codes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.types import Floats, Ints, Progress, no_progress
@@ -64,7 +64,7 @@ def lagrange_weights(fractions: Floats, degree: int) -> Floats:
     """Return the weights (n, d, degree + 1) of one-dimensional Lagrange interpolation along each axis, nodes ascending.
 
     The first barycentric form (Berrut and Trefethen 2004, eq. 3.1), ``l(t) lambda_k / (t - t_k)``, with the product
-    ``l(t) / (t - t_k)`` written out, so that a point on a node is no special case. ``fractions`` (n, d) are those of
+    ``l(t) / (t - t_k)`` written out, so that a point on a node is no special case; ``fractions`` (n, d) are those of
     :func:`stencil_cells`.
     """
     nodes = np.array(stencil_range(degree), dtype=np.float64) + base_offset(degree)
@@ -162,8 +162,8 @@ class Band:
         """Number of inner nodes that are no twins: inner twins have the numbers from this up to ``inner``."""
         return self.inner if self.sheets is None else self.own_inner
 
-    def neighbours(self) -> tuple[Ints, Ints]:
-        """Return the numbers of the lower (k,) and upper (k,) node of all pairs of adjacent inner nodes, no twins."""
+    def neighbour_pairs(self) -> tuple[Ints, Ints]:
+        """Return the numbers of the lower (k,) and upper (k,) node of all pairs of adjacent inner nodes but twins."""
         nodes = np.arange(self.first_twin)
         pairs = []
         for axis in np.eye(self.dim, dtype=np.int64):
@@ -197,12 +197,12 @@ class Band:
 def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
     """Return the indices (c, d) of the interpolation cells that contain points of the manifold, and a few beside them.
 
-    Cells are those of :func:`stencil_cells` with the same ``spacing`` and ``degree``. Raises ResolutionError if they
-    cannot be numbered, or as soon as an estimate shows that their band does not fit into memory.
+    Cells are those of :func:`stencil_cells` with the same ``spacing`` and ``degree``. Raises as :func:`check_numbered`,
+    and ResolutionError as soon as an estimate shows that their band does not fit into memory.
     """
     manifold_dim = source.largest_dim
     for side, blocks in cell_levels(source, spacing, base_offset(degree)):
-        unknowns = nodes_of_blocks(len(blocks), side, source.dim, manifold_dim, degree)
+        unknowns = estimated_node_count(len(blocks), side, source.dim, manifold_dim, degree)
         if side == 1 or len(blocks) > COUNTED_BLOCKS:
             # Coarse blocks overestimate thin parts: only a clear excess is refused early.
             check_band_memory(source, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
@@ -223,7 +223,8 @@ def build_band(source: LocalSource, spacing: float, degree: int, progress: Progr
     The stencil of every surface point is in the band, not only those of the nodes' closest points, so that a solution
     can be evaluated anywhere. Outer nodes reach one node farther along each axis. ``degree`` is that of the
     interpolation; ``progress`` gets "band" and the share of closest points that is computed. Raises ResolutionError if
-    the band does not fit into memory or cannot be numbered, or the source has no point inside its bounds.
+    the band does not fit into memory or cannot be numbered, or the source has no point inside its bounds; InputError if
+    coordinates are too large, or the source's answers break its contract.
     """
     progress("band", 0.0)
     cells = surface_cells(source, spacing, degree)
@@ -237,10 +238,10 @@ def build_band(source: LocalSource, spacing: float, degree: int, progress: Progr
     around = [codes.dilate(inner, axis, reach) for axis in range(source.dim)]
     outer = np.setdiff1d(np.unique(np.concatenate(around)), inner, assume_unique=True)
     nodes = codes.decode(np.concatenate([inner, outer]))
-    return Band(spacing, degree, nodes, len(inner), _feet(source, nodes, spacing, progress), codes)
+    return Band(spacing, degree, nodes, len(inner), _feet_of_nodes(source, nodes, spacing, progress), codes)
 
 
-def _feet(source: LocalSource, nodes: Ints, spacing: float, progress: Progress) -> ClosestPoints:
+def _feet_of_nodes(source: LocalSource, nodes: Ints, spacing: float, progress: Progress) -> ClosestPoints:
     """Return the closest points of integer ``nodes`` (n, d), computed in batches; ``progress`` gets the share done."""
     parts = []
     for start in range(0, len(nodes), BATCH_NODES):
@@ -253,8 +254,8 @@ def _feet(source: LocalSource, nodes: Ints, spacing: float, progress: Progress) 
 def stencil_nodes(band: Band, cells: Ints) -> Ints:
     """Return the band numbers (n, (p + 1)^d), int32, of the nodes of the interpolation stencils of ``cells`` (n, d).
 
-    The last axis varies fastest; p is the band's degree. Cells may repeat. Raises ResolutionError if a node is not an
-    inner node of the band: the source contradicts itself.
+    The last axis varies fastest; p is the band's degree. Cells may repeat; no node is a twin. Raises ResolutionError if
+    a node is not an inner node of the band: the source contradicts itself.
     """
     codes = band.codes.encode(cells)
     _, first, member = np.unique(codes, return_index=True, return_inverse=True)

@@ -29,7 +29,7 @@ LOST_SIZE_SHARE = 1e-7
 #: 1e12, a hundred for a capsule of radius 1e-3 at 1e5. Translated sources have an error of 0.02.
 FAR_OUT_ROUNDINGS = 100.0
 #: Number of cells on the manifold at a suggested spacing, by the manifold's dimension.
-SUGGESTED_CELLS = {0: 1, 1: 200, 2: 10_000, 3: 60_000}
+SUGGESTED_CELLS = {1: 200, 2: 10_000, 3: 60_000}
 #: Least number of blocks from which the number of unknowns is estimated.
 COUNTED_BLOCKS = 12_000
 #: Side of the finest blocks of that estimate, over the manifold's largest side: 4096 blocks with half a block to spare.
@@ -57,12 +57,12 @@ class Lattice:
     def rounding_warnings(self, bounds: Floats, translated: bool) -> tuple[str, ...]:
         """Return a tuple with a warning if the scene's coordinates are rounded too coarsely for the manifold, else ().
 
-        ``bounds`` (2, d): bounds of the manifold, relative to the origin. ``translated``: whether the source computes
-        relative to it; if not, its error is :data:`FAR_OUT_ROUNDINGS`.
+        ``bounds`` (2, d): bounds of the manifold, relative to the origin; a single point causes no warning.
+        ``translated``: whether the source computes relative to it; if not, its error is :data:`FAR_OUT_ROUNDINGS`.
         """
         far, size = float(np.abs(bounds + self.origin).max()), float(np.ptp(bounds, axis=0).max())
         loss = float(np.spacing(far)) * (1.0 if translated else FAR_OUT_ROUNDINGS)
-        if loss <= LOST_SIZE_SHARE * size:
+        if size == 0 or loss <= LOST_SIZE_SHARE * size:
             return ()
         return (
             f"The surface lies {far:.2g} from zero, where coordinates are rounded to {np.spacing(far):.1g}: a solution "
@@ -130,7 +130,7 @@ class Codes:
         return np.stack(np.unravel_index(codes, tuple(self.shape)), axis=1).astype(np.int64) + self.lower
 
     def dilate(self, codes: Ints, axis: int, offsets: range) -> Ints:
-        """Return the sorted codes (m,) of points at ``offsets`` along ``axis`` from ``codes``; all lie in the box."""
+        """Return the sorted distinct codes (m,) of points ``offsets`` along ``axis`` from ``codes``, all in the box."""
         shifted = codes[:, None] + self.strides[axis] * np.array(offsets, dtype=np.int64)
         return np.unique(shifted)
 
@@ -205,8 +205,8 @@ def check_numbered(bounds: Floats, spacing: float) -> None:
         )
 
 
-def nodes_of_blocks(blocks: int, side: int, dim: int, manifold_dim: int, degree: int) -> float:
-    """Return an estimate of the number of inner nodes of the band of a manifold that meets this many blocks.
+def estimated_node_count(blocks: int, side: int, dim: int, manifold_dim: int, degree: int) -> float:
+    """Return an estimate of the number of inner nodes of the band of a manifold that meets so many ``blocks``.
 
     A block of an m-dimensional manifold contains about side^m cells that meet it, each with about 0.9 (p + 1)^(d - m)
     nodes (measured on circle and sphere). ``side`` is that of a block in cells; ``dim`` is d, ``manifold_dim`` m, and
@@ -218,7 +218,7 @@ def nodes_of_blocks(blocks: int, side: int, dim: int, manifold_dim: int, degree:
 def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
     """Return ``spacing`` as a float if it is a finite number above zero.
 
-    Raises InputError if it is not; if it is None, the message suggests a spacing for ``surface``.
+    Raises InputError if it is not; if it is None, with a suggestion, or an error, of :func:`suggest_spacing`.
     """
     if spacing is None:
         raise InputError(
@@ -231,15 +231,15 @@ def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
 def suggest_spacing(surface: ClosestPointSource) -> float:
     """Return a spacing, rounded to two digits, at which about :data:`SUGGESTED_CELLS` cells meet the surface.
 
-    Raises ResolutionError or InputError for bounds that :func:`check_numbered` refuses.
+    For points it is a sixteenth of their extent. Raises as :func:`check_numbered` for bounds that this refuses.
     """
     source = localize(surface, np.zeros(surface.dim))
     bounds, manifold_dim = source.bounds, source.largest_dim
     size = float((bounds[1] - bounds[0]).max()) or 1.0
     trial = size / 16
     count = next(len(blocks) for side, blocks in cell_levels(source, trial, 0.0) if side == 1)
-    spacing = trial * (count / SUGGESTED_CELLS[manifold_dim]) ** (1 / max(manifold_dim, 1))
-    return float(f"{spacing:.2g}")
+    factor = (count / SUGGESTED_CELLS[manifold_dim]) ** (1 / manifold_dim) if manifold_dim else 1.0
+    return float(f"{trial * factor:.2g}")
 
 
 def check_band_memory(source: LocalSource, unknowns: float, spacing: float, degree: int, excess: float = 1.0) -> None:
@@ -315,7 +315,7 @@ def unknowns_at_unit_spacing(source: LocalSource, degree: int, counted: int = CO
     levels = cell_levels(source, cell, -source.bounds[0] / cell)
     side, count = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > counted)
     m = source.largest_dim
-    return nodes_of_blocks(count, side, source.dim, m, degree) * cell**m
+    return estimated_node_count(count, side, source.dim, m, degree) * cell**m
 
 
 def round_up(value: float) -> float:

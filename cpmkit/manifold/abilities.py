@@ -47,8 +47,7 @@ class HasTangents(Protocol):
 class HasLeft(Protocol):
     """A curve in a surface, or a surface in a solid, that has a left side of its own, such as a cut by a function.
 
-    An optional attribute ``left_of``, (d,) or None, is a point on the left: it decides the side on surfaces that have
-    no normals.
+    An optional attribute ``left_of``, (d,) or None, is a point on the left: it decides where surfaces have no normals.
     """
 
     def leftward(self, feet: ClosestPoints, /) -> Floats:
@@ -99,10 +98,10 @@ class HasMesh(Protocol):
     """A source that has a mesh of itself, at any spacing."""
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) on the manifold and cells (m, k), vertex numbers, of about the size ``spacing``.
+        """Return vertices (v, d) on the manifold and cells (m, k), vertex numbers, with edges of about ``spacing``.
 
         ``k`` is 3 for triangles, 2 for segments, 1 for points. For a mixed union it is the largest of these that
-        occurs, and rows of smaller cells end in -1.
+        occurs, and rows of smaller cells end in -1. A ``spacing`` that is not positive may raise InputError.
         """
 
 
@@ -177,7 +176,7 @@ def members_of(source: ClosestPointSource) -> Sequence[ClosestPointSource]:
 
 
 def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
-    """Return the row (k,) of ``x`` (n, d) of each foot within ``radius``, ascending, and these k feet.
+    """Return the row (k,) of ``x`` (n, d) of each foot on a source within ``radius``, ascending, and these k feet.
 
     A source with the ability HasLocalMinima gives the feet on all sheets, any other at most the closest point of a row.
     """
@@ -207,7 +206,7 @@ def integral_floor_of(source: object, spacing: float) -> float:
 def has_finite_feet(source: ClosestPointSource) -> bool:
     """Return whether ``source``, or a member of it, has finitely many points that stand for a manifold: is a cloud.
 
-    Warns if a member states this by the deprecated attribute ``foot_count``.
+    Where the advice of a member does not state this, its deprecated attribute ``foot_count`` is read, with a warning.
     """
     size = float(np.ptp(np.asarray(source.bounds, dtype=np.float64), axis=0).max()) or 1.0
     for member in members_of(source):
@@ -221,5 +220,5 @@ def has_finite_feet(source: ClosestPointSource) -> bool:
 
 
 def edge_limit_of(source: object) -> int:
-    """Return the bound below which all edge numbers of ``source`` lie: its ``edge_limit``, or :data:`MOST_EDGES`."""
+    """Return a number above all edge numbers of ``source``: its attribute ``edge_limit``, else :data:`MOST_EDGES`."""
     return int(getattr(source, "edge_limit", MOST_EDGES))

@@ -69,7 +69,7 @@ class LocalSource:
 
     @cached_property
     def members(self) -> tuple[LocalSource, ...]:
-        """The members of a union relative to the same origin; the source itself where it is no union."""
+        """The members of a union relative to the same origin, with ``noise`` 0; the source itself if it is no union."""
         if not self.is_union:
             return (self,)
         members = members_of(self.source)
@@ -95,7 +95,7 @@ class LocalSource:
         return np.full(len(feet), dims[0]) if len(dims) == 1 else dims[feet.element]
 
     def feet_by_member(self, feet: ClosestPoints) -> Iterator[tuple[LocalSource, Ints, ClosestPoints]]:
-        """Yield each member that contains some of ``feet``, their rows (k,), and their closest points on the member."""
+        """Yield each member that contains some of ``feet``, the rows (k,) of these, and their closest points on it."""
         if self.members[0] is self:
             yield self, np.arange(len(feet)), feet
             return
@@ -120,7 +120,7 @@ class LocalSource:
     def closest_point(self, x: Floats) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d), both relative to the origin, and count the queries in ``queries``.
 
-        Raises InputError if the source's answer breaks its contract.
+        Raises InputError for an answer that :func:`check_answer` refuses.
         """
         self.queries["points"] += len(x)
         answer = self.source.closest_point(np.ascontiguousarray(x + self.shift))
@@ -131,7 +131,7 @@ class LocalSource:
         """Return the rows (k,) of ``x`` (n, d) of all feet within ``radius``, and these feet, relative to the origin.
 
         Rows ascend, the feet of a row by distance; a row counts as one query. Only for sources with local minima.
-        Raises InputError if the source's answer breaks its contract.
+        Raises InputError for an answer that :func:`check_answer` refuses.
         """
         source: Any = self.source
         self.queries["points"] += len(x)
@@ -161,8 +161,8 @@ def largest_dim(source: ClosestPointSource) -> int:
 def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
     """Return ``source`` with queries and answers relative to ``origin`` (d,).
 
-    It is translated if it has a method for that, else its queries are shifted one by one. Its deprecated method
-    ``translated`` causes a warning.
+    Unless ``origin`` is zero, it is translated if it has a method for that, else its queries and feet are shifted. The
+    deprecated method ``translated`` is called where ``translate`` is missing, with a warning.
     """
     if not origin.any():
         return LocalSource(source, np.array(origin), of=source)
@@ -176,11 +176,12 @@ def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
 
 
 def measure_noise(source: LocalSource, spacing: float) -> LocalSource:
-    """Return a copy of the source with its ``noise``, the random error of feet, measured within half a ``spacing``.
+    """Return a copy of the source with its ``noise``, the random error of feet, measured near 25 random feet.
 
     All points of the segment from a query to its foot have the same foot. Computed feet of such points coincide if they
     are exact, and lie on a smooth curve if their error is smooth; third differences along the segment leave the random
-    error, with 20 times its variance. The noise is the root of the median variance, 0 where it is mere rounding.
+    error, with 20 times its variance. Queries lie within half a ``spacing`` of a foot along each axis. The noise is the
+    root of the median variance, or 0 if that is mere rounding.
     """
     rng = np.random.default_rng(0)
     low, high = source.bounds

@@ -31,20 +31,20 @@ class Orientation:
     spacing: float = 0.0  #: Distance of the samples.
 
     def orient_directions(self, points: Floats, directions: Floats) -> Floats:
-        """Return ``directions`` (n, d) at ``points`` (n, d), with the signs of the samples near by, if there are any.
+        """Return ``directions`` (n, d) at ``points`` (n, d), with the signs of the nearest samples, if there are any.
 
-        Of the nearest samples, at most six, the sample whose direction is most nearly parallel decides.
+        Of the six nearest (or all), that whose direction, moved along the chord, is most nearly parallel decides.
         """
         if self.points is None or self.directions is None or not len(points):
             return directions
         nearest, short = self._nearest_samples(points), SHORT_CHORD_SPACINGS * self.spacing
         chords = points[:, None] - self.points[nearest]
-        agreement = agreements(self.directions[nearest], directions[:, None], chords, short)
+        agreement = transported_cosines(self.directions[nearest], directions[:, None], chords, short)
         best = np.take_along_axis(agreement, np.abs(agreement).argmax(axis=1)[:, None], 1)
         return np.asarray(np.where(best >= 0, directions, -directions))
 
     def mean_directions(self, points: Floats) -> Floats:
-        """Return unit vectors (n, d): the mean directions of the up to six samples nearest to ``points`` (n, d)."""
+        """Return unit vectors (n, d), the means of the directions of the six (or all) samples nearest to ``points``."""
         assert self.directions is not None
         mean = self.directions[self._nearest_samples(points)].sum(axis=1)
         return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
@@ -66,7 +66,7 @@ class Orientation:
 AS_GIVEN = Orientation()
 
 
-def agreements(first: Floats, second: Floats, chords: Floats, short: float) -> Floats:
+def transported_cosines(first: Floats, second: Floats, chords: Floats, short: float) -> Floats:
     """Return the cosines (...) between unit vectors ``second`` and ``first``, moved along ``chords``, all (..., d).
 
     The first, a normal or conormal, is rotated as along a circular arc with this chord, to its mirror image in the
@@ -85,15 +85,15 @@ def propagate_signs(
 ) -> tuple[Floats, Ints, bool, bool]:
     """Return ``directions`` (s, d), unit normals or conormals at ``points`` (s, d), with signs that neighbours share.
 
-    Points are ``spacing`` apart. Signs follow a minimum spanning tree of pairs of neighbours, with small weights where
-    directions agree well. With unit ``tangents`` (s, d) the points lie on a curve, and only points ahead or behind are
-    neighbours; without, ``tangents`` is None.
+    Points are about ``spacing`` apart; those within :data:`NEIGHBOUR_SPACINGS` are neighbours; with unit ``tangents``
+    (s, d), of a curve, only those ahead or behind. Signs follow a minimum spanning tree of pairs of neighbours, with
+    small weights where directions agree well, from the first point of each piece, which keeps its sign.
 
     Returned ``directions`` (s, d).
     Returned ``piece`` (s,): number of the connected piece of each sample; signs of different pieces are independent.
-    Returned ``consistent``: False if a direction comes back reversed along a closed path of clear agreements.
-    Returned ``sure``: True if all neighbours along which signs were propagated agree well: denser samples would change
-        nothing.
+    Returned ``consistent``: False if neighbours that agree well up to sign have opposite signs, as on a Moebius strip.
+    Returned ``sure``: True if all neighbours along which signs were propagated agree well, so that denser samples would
+        change nothing.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
@@ -106,7 +106,7 @@ def propagate_signs(
         pairs = pairs[along >= 0.25 * np.linalg.norm(chord, axis=1)]  # neighbours on a curve lie ahead or behind
     count, (first, second) = len(points), pairs.T
     chord = points[second] - points[first]
-    agreement = agreements(directions[first], directions[second], chord, SHORT_CHORD_SPACINGS * spacing)
+    agreement = transported_cosines(directions[first], directions[second], chord, SHORT_CHORD_SPACINGS * spacing)
     weight = 1.001 - np.minimum(np.abs(agreement), 1.0)  # zero would be no link
     tree = minimum_spanning_tree(csr_array((weight, (first, second)), shape=(count, count)))
     _, piece = connected_components(tree, directed=False)
@@ -115,7 +115,7 @@ def propagate_signs(
         order, parent = breadth_first_order(tree, root, directed=False)
         members, above = order[1:], parent[order[1:]]
         step = points[members] - points[above]
-        over = agreements(directions[above], directions[members], step, SHORT_CHORD_SPACINGS * spacing)
+        over = transported_cosines(directions[above], directions[members], step, SHORT_CHORD_SPACINGS * spacing)
         for member, up, cosine in zip(members, above, over, strict=True):
             sign[member] = sign[up] if cosine >= 0 else -sign[up]
     clear = np.abs(agreement) >= SURE_COSINE

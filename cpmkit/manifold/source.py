@@ -36,7 +36,7 @@ class Rows:
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        """Return one table of the records of all ``parts``, in their order; a field that is None in a part is None."""
+        """Return one table of the records of ``parts``, not none, in order; a field that is None in a part is None."""
 
         def concatenate(column: list[Any]) -> Any:
             """Return the parts of one column joined; None if a part is None."""
@@ -47,7 +47,7 @@ class Rows:
         return cls(*[concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)])
 
     def replace_rows(self, rows: Ints, new: Self) -> Self:
-        """Return the table with the records at ``rows`` (k,) replaced by the k records ``new``."""
+        """Return the table with records ``new`` in place of those at ``rows`` (k,); a field None in either is None."""
         order = np.arange(len(self))
         order[rows] = len(self) + np.arange(len(rows))
         return self.join([self, new]).take(order)
@@ -111,8 +111,7 @@ class ClosestPointSource(Protocol):
 def source_repr(source: ClosestPointSource, name: str | None = None) -> str:
     """Return one line, the ``repr`` of a source: its name, dimensions, number of vertices with values, and bounds.
 
-    ``name`` is by default that of its class; only the name is printed if the rest cannot be read. A dataclass would
-    print all arrays.
+    ``name`` is by default that of its class; it stands alone if the rest cannot be read. A dataclass prints all arrays.
     """
     name = name or type(source).__name__
     try:
@@ -130,8 +129,7 @@ def source_repr(source: ClosestPointSource, name: str | None = None) -> str:
 def check_source(source: Any, label: str, alternatives: str = "") -> None:
     """Raise InputError if ``source`` is no ClosestPointSource, or its bounds are not (2, d) finite numbers.
 
-    ``label`` is its name in the message, ``alternatives`` the message's text about other arguments that the caller
-    accepts.
+    ``label`` is its name in the message, ``alternatives`` a text about other arguments that the caller accepts.
     """
     if not isinstance(source, ClosestPointSource):
         raise InputError(
@@ -147,8 +145,8 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: boo
     """Raise InputError if the ``answer`` of ``source`` to queries breaks the contract; the message names the source.
 
     The queries ``x`` (n, d) are relative to ``origin`` (d,). Answers of a ``union`` must contain the number of a member
-    for each query. The contract is broken if type or shape differ, members are missing, or a foot or distance is not
-    finite.
+    for each query. The contract is broken by another type or shape, missing members, or a foot or distance that is not
+    finite; no other law is checked.
     """
     name = _class_names(source)
     if not isinstance(answer, ClosestPoints):

@@ -57,9 +57,9 @@ def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Float
 
 
 def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -> tuple[Floats, Bools]:
-    """Return unit tangents (n, d) of a curve at ``feet`` (see :func:`unit_tangents`), and a mask (n,) of its corners.
+    """Return unit tangents (n, d) of a curve at ``feet`` (:func:`unit_tangents`), and a mask (n,) of corners and ends.
 
-    Corners are found only on curves without tangents of their own: there the two largest eigenvalues of the Jacobian,
+    These are found only on curves without tangents of their own: where the two largest eigenvalues of the Jacobian,
     which are 1 and 0 on a smooth curve, differ by less than 0.7. ``step`` is the step of its differences.
     """
     corner = np.zeros(len(feet), dtype=bool)
@@ -101,7 +101,7 @@ def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) ->
 
     ``b = -unit of T sum_k [cp(y + h e_k) + cp(y - h e_k) - 2 y]``, T the tangent projection: inside a manifold the
     closest points around y average to y, at an edge they lean inwards, and curvature adds a normal part that T removes.
-    Second order in the step h.
+    Second order in the step h. At feet off the edge the direction is arbitrary, or zero.
     """
 
     def member_conormals(member: LocalSource, member_edge: ClosestPoints, _: Ints) -> Floats:
@@ -143,10 +143,10 @@ def left_conormals(
 
     Here n is the normal of the manifold, in an area of the plane the third axis, and t the tangent of the boundary. Of
     a point on a curve v is -t, t the tangent of the curve; of a surface in a solid it is the normal of the surface; at
-    a corner it is the mean of the samples near by.
+    a corner or end (:func:`tangents_and_corners`) the mean of the samples near by, if there are any.
     King et al. (2024), section 4.7, eq. 11 and eq. 18: v is the normal of S_perp, and the binormal b.
 
-    ``source``, ``surface``: the boundary, of one dimension less than the manifold there, and the manifold.
+    ``source``, ``surface``: the boundary, all of one dimension, one less than the manifold's there, and the manifold.
     ``signs``: the conormals at samples of the boundary; without samples the signs of the sources' own directions are
         used.
     ``on_surface``, ``feet``: the closest points on the manifold and on the boundary of the same points.
@@ -229,13 +229,13 @@ def walk(
 
     A jump to the foot of the goal's projection could land on another sheet. Each step follows the tangential part of
     the vector to the goal; this part shrinks by ``1 - height * curvature`` times the step, so the length of a step is
-    chosen from how much it shrank in the last step (Barzilai and Borwein 1988), at most 4 times this part. There are at
-    most 60 steps, on points none.
+    chosen from how much it shrank in the last step (Barzilai and Borwein 1988), at most 4 times this part. A walk ends
+    after 60 steps wherever it is; on points there are none.
 
     ``start``: one point of the manifold for each goal.
     ``spacing``: spacing of the lattice; a step is at most half of it.
-    ``give_up``: whether a walk ends if the tangential part does not shrink in 4 steps: around a bend of smaller radius
-        than the goal's height there is no foot.
+    ``give_up``: whether a walk ends if the tangential part grows over 4 steps: around a bend of smaller radius than the
+        goal's height there is no foot.
     ``lengthened``: if false, a step is the tangential part itself: a fifth more steps, which follow sharper folds.
     """
     feet, strides, walking = start, np.zeros_like(goal), np.arange(len(goal))

@@ -24,12 +24,26 @@ def norms(a: Floats) -> Floats:
 
 
 def unit(a: Floats) -> Floats:
-    """Return the vectors ``a`` (..., d) scaled to length one; vectors of length zero become zero."""
+    """Return the vectors ``a`` (..., d) scaled to length one; vectors of length zero, or with NaN, become zero."""
     length = norms(a)[..., None]
     if (length > 0).all():
         return np.asarray(a / length)
     with np.errstate(all="ignore"):
         return np.where(length > 0, a / length, 0.0)
+
+
+def normal_frames(tangents: Floats) -> Floats:
+    """Return orthonormal bases (n, d - 1, d) of the spaces perpendicular to nonzero ``tangents`` (n, d), d = 2 or 3.
+
+    In the plane it is the normal on the right; in space the first normal x the second points along the tangent.
+    """
+    t = unit(tangents)
+    if t.shape[1] == 2:
+        return np.stack([t[:, 1], -t[:, 0]], axis=1)[:, None]
+    # The axis with the largest angle to the tangent: in the worst case 54 degrees.
+    axis = np.eye(3)[np.argmin(np.abs(t), axis=1)]
+    first = unit(np.cross(t, axis))
+    return np.stack([first, np.cross(t, first)], axis=1)
 
 
 def in_three_dimensions(points: Floats) -> Floats:

@@ -31,18 +31,17 @@ class HalfFacets:
     cell: Ints
     facet: Ints
     cut: Ints  #: (n,): the row of the facet in ``mesh.cut``; -1 on a rim where no boundary lies.
-    #: (n,): +1 where the cell traverses the facet in the direction of ``mesh.cut``, -1 where in the reverse direction;
-    #: on a curve +1 for a cell that ends there, -1 for a cell that starts there.
+    #: (n,): +1 where the cell traverses the facet in the direction of ``mesh.cut``, or no boundary lies there, -1 where
+    #: in the reverse direction; on a curve +1 for a cell that ends there, -1 for a cell that starts there.
     along: Ints
 
 
 def cut_corners(mesh: Mesh) -> Ints:
-    """Return the vertex (m, k) of each corner of each cell once the mesh is cut along its boundaries.
+    """Return the vertex (m, k) of each corner of each cell once the mesh is cut at the facets in ``mesh.cut``.
 
-    Corners of triangles at one vertex stay one vertex if a path over edges without a boundary connects them; an edge of
-    three triangles or more connects all of them. Corners of segments at one place are one vertex, except where a
-    boundary lies: there each corner becomes a vertex of its own. Tips, junctions, rims and one-sided surfaces need no
-    special case.
+    Corners of triangles at one vertex stay one vertex if a path over edges that are not cut connects them; an edge of
+    three triangles or more connects all of them. Corners of segments at one vertex stay one vertex, unless that is cut:
+    then each corner becomes a vertex of its own. Tips, junctions, rims and one-sided surfaces need no special case.
     """
     if mesh.manifold_dim == 1:
         on_boundary = np.zeros(len(mesh.vertices), dtype=bool)
@@ -52,10 +51,8 @@ def cut_corners(mesh: Mesh) -> Ints:
         return np.asarray(numbers.reshape(mesh.cells.shape), dtype=np.int64)
     from cpmkit.mesh import mesh_kernels
 
-    edges = mesh.edges
-    barred = np.zeros(len(edges.ends) + 1, dtype=bool)
-    barred[mesh.cut_edges] = True
-    return np.asarray(mesh_kernels.join_corners(np.ascontiguousarray(mesh.cells), edges.of_cells, barred[:-1]))
+    cells = np.ascontiguousarray(mesh.cells)
+    return np.asarray(mesh_kernels.join_corners(cells, mesh.edges.of_cells, mesh.edge_is_cut))
 
 
 def has_cut_corners(mesh: Mesh, corners: Ints) -> bool:
@@ -64,15 +61,15 @@ def has_cut_corners(mesh: Mesh, corners: Ints) -> bool:
 
 
 def half_facets(mesh: Mesh) -> HalfFacets:
-    """Return the facets on boundaries, once for each cell beside them, and the facets on the rim.
+    """Return the facets in ``mesh.cut``, once for each cell beside them, and the facets on the rim.
 
-    Where several boundaries lie on one facet, ``cut`` is the first row of ``mesh.cut`` with this facet.
+    Of rows of ``mesh.cut`` with the same facet the first counts, of edges that no cell has none.
     """
     facets, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
     on_cut = mesh.cut[:, 0] if mesh.manifold_dim == 1 else mesh.cut_edges
-    cut = np.full(count, -1)
+    cut = np.full(count + 1, -1)  # the last entry is that of edges without a cell
     cut[on_cut[::-1]] = np.arange(len(on_cut))[::-1]
-    cell, facet = np.nonzero(((cut >= 0) | mesh.connectivity.on_rim)[facets])
+    cell, facet = np.nonzero(((cut[:-1] >= 0) | mesh.connectivity.on_rim)[facets])
     of = cut[facets[cell, facet]]
     if mesh.manifold_dim == 1:
         along = np.where(facet == 0, 1, -1)
@@ -100,7 +97,7 @@ class Rim:
     """The edges or vertices on the rim of a mesh, and the directions out of the mesh there."""
 
     rows: Ints  #: (r,): numbers of these edges or vertices, ascending.
-    outward: Floats  #: (r, d): vectors tangent to the cell, pointing out of it, as long as the edge there.
+    outward: Floats  #: (r, d): vectors tangent to the cell, out of it, as long as the edge; at a vertex their mean.
 
     def subset(self, chosen: Ints) -> Rim:
         """Return the rim among the distinct edges or vertices ``chosen`` (n,); its rows are positions in ``chosen``."""
@@ -145,8 +142,8 @@ def rim_of_vertices(mesh: Mesh) -> Rim:
 def seam_midpoints(mesh: Mesh, half: HalfFacets) -> Floats:
     """Return those middles (k, d) of rim edges of triangles that lie on another rim edge, without common vertex.
 
-    Such seams are not welded: nothing flows across them. The four nearest rim edges are tested. ``half`` are facets of
-    this mesh.
+    Such seams are not welded: nothing flows across them. Rim edges on boundaries are left out; of the others the four
+    with the nearest middles are tested. ``half``: the half facets of this mesh.
     """
     from scipy.spatial import cKDTree
 
@@ -179,10 +176,11 @@ class RepairReport:
 
 
 def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
-    """Return a mesh with the same geometry whose cells are connected only over shared edges, and a report.
+    """Return the mesh with vertices welded, and triangles connected only over shared edges, and a report.
 
     Contact in a single vertex does not connect: heat would flow through the point where two spheres touch. Curves stay
-    connected where several segments meet. ``mesh`` is flat, without boundaries; its unused vertices are left out.
+    connected where several segments meet. Cells that are degenerate or repeated after welding, and unused vertices, are
+    left out. ``mesh`` is flat, without boundaries.
     """
     vertex_of, cells, report = repaired_cells(mesh)
     return Mesh.of(mesh.vertices[vertex_of], cells), report
@@ -219,12 +217,12 @@ def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, RepairReport]:
 
 
 def box_size(vertices: Floats) -> float:
-    """Return the largest side of the bounding box of vertices (v, d)."""
+    """Return the largest side of the bounding box of vertices (v, d), v > 0."""
     return max(float(np.ptp(column)) for column in vertices.T)  # ten times as fast as over the first axis
 
 
 def _welded_vertices(vertices: Floats) -> Ints:
-    """Return for each vertex (v,) the first of those at the same place, up to :data:`WELDED_SIZE_SHARE` of the box."""
+    """Return for each vertex (v,) the first of those linked to it by steps up to ``WELDED_SIZE_SHARE`` of the box."""
     from cpmkit.mesh import mesh_kernels
 
     tolerance = WELDED_SIZE_SHARE * box_size(vertices) if len(vertices) else 0.0

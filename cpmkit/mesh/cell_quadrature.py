@@ -4,8 +4,7 @@ A piece is a part of a triangle inside one lattice cell. There splines are polyn
 degree of the rule. On whole triangles the error of a rule depends on their size relative to a lattice cell.
 
 Where flat triangles approximate a curved surface, the gradient of u has kinks at their edges, proportional to the angle
-between them, which splines do not have between knot planes. The rule on a piece need not be more accurate than this
-error.
+between them, which splines do not have between knot planes. No rule on a piece need be more accurate than this error.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.manifold.vector_algebra import norms, unit
+from cpmkit.manifold.vector_algebra import normal_frames, norms, unit
 from cpmkit.mesh.adjacency import rim_of_edges
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.types import Bools, Floats, Ints
@@ -94,14 +93,14 @@ def needs_degree_four(degree: int, geometry: CellGeometry) -> bool:
 
 
 def longest_edge(sampling: str, geometry: CellGeometry, manifold_dim: int) -> float:
-    """Return the largest length of cell edges, in spacings, that quadrature by ``sampling`` needs for its accuracy."""
+    """Return the largest length of cell edges, in spacings, with which quadrature by ``sampling`` is accurate."""
     if not is_clipped(sampling, manifold_dim):
         return PLAIN_EDGE_SPACINGS
     return CLIPPED_FLAT_EDGE_SPACINGS if geometry == "flat" else CLIPPED_EDGE_SPACINGS
 
 
 def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing: float) -> Bools:
-    """Return which cells (m,) are clipped at knot planes: with "auto" all triangles but short flat ones."""
+    """Return which cells (m,) are clipped at knot planes: triangles, with "auto" but flat ones with short edges."""
     if not is_clipped(sampling, mesh.manifold_dim):
         return np.zeros(len(mesh.cells), dtype=bool)
     if sampling == "clipped" or geometry != "flat":
@@ -152,11 +151,11 @@ def quadrature(
 
     Segments get the three points of Gauss's rule of degree 5. Whole triangles get the three points of degree 2 with
     barycentric coordinates (2/3, 1/6, 1/6). Pieces between knot planes get four points of degree 3, small pieces three
-    of degree 2; with ``fine`` pieces get six points of degree 4 on each triangle of their fan. With ``clipped_at``,
-    other tiny pieces and tiny whole triangles get their centroid. The weights contain the measure of the flat or
-    quadratic cell: the speed of a curve, |x_r x x_s| on a surface.
+    of degree 2; with ``fine`` all get six points of degree 4 on each triangle of their fan. With ``clipped_at``, tiny
+    whole triangles and, without ``fine``, tiny pieces get their centroid, see :func:`one_point_limits`. The weights
+    contain the measure of the flat or quadratic cell: the speed of a curve, |x_r x x_s| on a surface.
 
-    ``mesh``: flat or quadratic cells.
+    ``mesh``: flat or quadratic segments, or triangles in space.
     ``clipped_at``: the spacing h of the lattice if triangles are clipped at its knot planes x = (k + 1/2) h, else None.
     ``further``: samples that are appended.
     ``clipped`` (m,): which triangles are clipped there; by default all.
@@ -201,20 +200,6 @@ def _concatenate(parts: Iterable[Samples]) -> Samples:
             array.resize((before + len(more), *array.shape[1:]), refcheck=False)  # there is no view of it
             array[before:] = more
     return Samples(*whole)
-
-
-def normal_frames(tangents: Floats) -> Floats:
-    """Return orthonormal bases (n, d - 1, d) of the spaces perpendicular to nonzero ``tangents`` (n, d), d = 2 or 3.
-
-    In the plane it is the normal on the right; in space the first normal x the second points along the tangent.
-    """
-    t = unit(tangents)
-    if t.shape[1] == 2:
-        return np.stack([t[:, 1], -t[:, 0]], axis=1)[:, None]
-    # The axis with the largest angle to the tangent: in the worst case 54 degrees.
-    axis = np.eye(3)[np.argmin(np.abs(t), axis=1)]
-    first = unit(np.cross(t, axis))
-    return np.stack([first, np.cross(t, first)], axis=1)
 
 
 #: The rule of degree 4 on a triangle with six points (Strang and Fix 1973): a of three of its points, which have the
@@ -281,9 +266,10 @@ def _triangle_functions() -> tuple[Floats, Floats, Floats]:
 
 
 def project_edge_midpoints(surface: ClosestPointSource, mesh: Mesh) -> Floats:
-    """Return the closest points (e, d) on ``surface`` of the middles of a mesh's edges, on its rim for edges there.
+    """Return the closest points (e, d) on ``surface`` of the middles of a mesh's edges, on its rim for rim edges.
 
-    A middle stays on the chord where that point is farther away than ``MOVED_MIDDLE_SHARE`` of the edge's length.
+    A rim edge gets the foot of a point beyond its middle, if that lies on the surface's rim. A middle stays on the
+    chord where the point is farther away than ``MOVED_MIDDLE_SHARE`` of the edge's length.
     """
     straight, rim = mesh.vertices[mesh.edges.ends].mean(axis=1), rim_of_edges(mesh)
     moved = surface.closest_point(straight).points.copy()

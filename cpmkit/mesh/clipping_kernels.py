@@ -91,7 +91,10 @@ def cross_plane(
 
 @compiled
 def first_plane(piece: Floats, count: int) -> tuple[int, float]:
-    """Return the axis and the coordinate of a knot plane between corners of a ``piece`` (count, 5), or axis -1."""
+    """Return the axis and the coordinate of a knot plane that splits a ``piece`` (count, 5), or axis -1 for none.
+
+    Of the planes with corners over ``ON_PLANE_SPACINGS`` away on both sides it is the lowest of the first axis.
+    """
     for axis in range(3):
         low, high = np.inf, -np.inf
         for k in range(count):
@@ -158,8 +161,7 @@ def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> t
 def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
     """Fill ``normal`` (3,) with the unit normal of two tangents (3,), and return the area of their parallelogram.
 
-    It has the side of ``first`` x ``second``. If they are nearly parallel, it is any unit vector perpendicular to the
-    longer tangent.
+    It has the side of ``first`` x ``second``; if they are nearly parallel, it is perpendicular to the longer tangent.
     """
     a = first[1] * second[2] - first[2] * second[1]
     b = first[2] * second[0] - first[0] * second[2]
@@ -181,8 +183,7 @@ def points_needed(piece: Floats, count: int, curved: bool, single: float) -> int
     """Return the number of quadrature points that a ``piece`` (count, 5) needs: 1, 3 or 4.
 
     The error of one point is proportional to the area times the squared length, which must stay below ``single``; that
-    of three points to the area times the cubed length. The limit of the latter is larger on flat triangles, not
-    ``curved``.
+    of three points to the area times the cubed length, with a larger limit on flat triangles, not ``curved``.
     """
     length = 0.0
     for i in range(3):
@@ -231,9 +232,8 @@ def triangle_samples(
     ``spacing``: h: knot planes lie at (k + 1/2) h.
     ``clipped`` (m,): whether each triangle is clipped there; others get three points with barycentric coordinates (2/3,
         1/6, 1/6), or their centroid.
-    ``single`` (m,): pieces of each triangle get one point if their area times their squared length, in spacings, is
-        below this.
-    ``fine``: whether pieces get a rule of degree 4 with six points on each triangle of their fan, for cubic splines.
+    ``single`` (m,): pieces, or whole triangles, get one point if area times squared length, in spacings, is below this.
+    ``fine``: whether all pieces get a rule of degree 4 with six points on each triangle of their fan.
     """
     curved = nodes.shape[1] == 6
     points, weights, normals = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS), np.empty((MOST_POINTS, 1, 3))

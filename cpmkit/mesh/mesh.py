@@ -44,8 +44,7 @@ class Edges:
 class Connectivity:
     """Quantities of a mesh that depend on its cells alone, computed on first use.
 
-    The facet opposite to corner j of a triangle is the edge from corner j + 1 to corner j + 2; the facets of a segment
-    are its ends.
+    The facet opposite to corner j of a triangle is the edge from corner j + 1 to j + 2; of a segment its ends.
     """
 
     cells: Ints  #: (m, k): the corners of each cell: k = 2 for segments, 3 for triangles.
@@ -110,7 +109,7 @@ class Mesh:
         return cls(vertices, cells, midpoints, none.reshape(0, cells.shape[1] - 1), none, none.astype(bool))
 
     def with_same_cells(self, **changes: Any) -> Mesh:
-        """Return the mesh with other ``vertices``, ``midpoints`` or facets on boundaries; connectivity is shared."""
+        """Return the mesh with as many other ``vertices``, ``midpoints`` or facets ``cut``; connectivity is shared."""
         mesh = replace(self, **changes)
         mesh.__dict__["connectivity"] = self.connectivity  # in the place where cached_property stores it
         return mesh
@@ -173,6 +172,13 @@ class Mesh:
         number = np.full(len(codes), -1)
         number[at[at >= 0]] = candidates[at >= 0]
         return np.asarray(number[place.ravel()], dtype=np.int64)
+
+    @property
+    def edge_is_cut(self) -> Bools:
+        """(e,) whether each edge of triangles is in ``cut``."""
+        is_cut = np.zeros(len(self.edges.ends) + 1, dtype=bool)  # the last entry is that of edges without a cell
+        is_cut[self.cut_edges] = True
+        return is_cut[:-1]
 
 
 def rectangle(lower: Floats, upper: Floats, spacing: float) -> tuple[Floats, Ints]:
@@ -237,7 +243,7 @@ def vertex_normals(points: Floats, triangles: Ints) -> Floats:
 
     Normals of triangles that are oriented differently, as on one-sided surfaces, would cancel: at the vertices of an
     edge between such triangles, the normals of all triangles are first flipped to the side of one of these. They are
-    zero at vertices without triangles.
+    zero at vertices without triangles of positive area.
     """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     twice_area = np.cross(b - a, c - a)

@@ -137,8 +137,7 @@ def _facet_direction(cells: Ints, cell: int, j: int) -> int:
 def _signed_root(parent: Ints, sign: Any, cell: int) -> tuple[int, int]:
     """Return the root of the set of ``cell``, and the orientation of the cell relative to it, 1 or -1.
 
-    Paths to the root are halved: ``parent`` (m,) and ``sign`` (m,), the orientation relative to the parent, are
-    changed.
+    Paths to the root are halved: ``parent`` and ``sign`` (m,), the orientation relative to the parent, are changed.
     """
     total = 1
     while parent[cell] != cell:
@@ -182,7 +181,7 @@ def edge_supports(
     """Return the ratio (e,) and the height (e,) of the :class:`~cpmkit.mesh.mesh.EdgeSupport` of edges.
 
     ``vertices`` (v, d), ``ends`` (e, 2): positions, and the vertices of each edge.
-    ``normals`` (e, 2, d): unit normals at the ends of each edge. ``creased`` (v,): vertices on creases, without one.
+    ``normals`` (e, 2, d): unit normals at the ends of each edge. ``creased`` (v,): vertices on creases, with several.
     ``first``, ``around`` (v + 1,) and (2 e,): ``around[first[v]:first[v + 1]]`` are the edges at vertex v.
     """
     count, d = len(ends), vertices.shape[1]

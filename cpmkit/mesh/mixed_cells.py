@@ -54,7 +54,7 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
 
 
 def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
-    """Return ``cells`` and their edges ``of_edges``, (m, 3), as two arrays (3, m) from place ``first`` (m,) on."""
+    """Return ``cells`` and their edges ``of_edges``, (m, 3), rotated to start at place ``first`` (m,), as (3, m)."""
     order = (first[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
 
@@ -98,8 +98,7 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
 def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[Floats, Ints]:
     """Return attributes (v', w) and cells (m', k) of a mesh with edges halved until none is longer than ``longest``.
 
-    The given vertices come first; neighbouring triangles share the middles of their edges. Triangles come before
-    segments, points last.
+    The given vertices come first; neighbouring triangles share middles. Triangles come before segments, points last.
     ``attributes`` (v, w): the first ``dim``, 2 or 3, columns are positions; the middle of an edge has the mean of all.
     ``cells`` (m, k): triangles, segments and points; shorter rows end in -1.
     ``longest``: longest edge, in the unit of the positions.
@@ -184,8 +183,7 @@ def cut_by_distance(
     ``pieces``: the mesh before the cut. Its triangles in which the boundary ends stay whole.
     ``boundary``: the boundary's column in ``pieces.sides``.
     ``distance`` (v,): signed distance of the vertices from it, positive on the left, NaN where a vertex has no side.
-    ``dim``: 2 or 3.
-    ``curve``: the boundary.
+    ``dim``: 2 or 3. ``curve``: the boundary.
     ``spacing``: spacing of the solution, the unit of :data:`ON_CURVE_SPACINGS`.
     """
     count, points = len(distance), pieces.attributes[:, :dim]
@@ -292,7 +290,7 @@ def _cut_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) 
 
 
 def _side_of_cells(cells: Ints, sign: Floats) -> Floats:
-    """Return the side (m,) of each cell, 1 or -1, if all signs (v,) but 0 and NaN agree at its corners; 0 otherwise."""
+    """Return the side (m,) of each cell: 1 or -1 if only this ``sign`` (v,), 0 and NaN are at its corners, else 0."""
     signs = np.nan_to_num(sign[cells])
     left, right = (signs > 0).any(axis=1), (signs < 0).any(axis=1)
     return np.where(left == right, 0.0, np.where(left, 1.0, -1.0))

@@ -33,8 +33,8 @@ SAME_CROSSING_SHARE = 1e-6
 def subdivide(mesh: Mesh, length: float) -> Mesh:
     """Return the mesh with no edge longer than ``length``: triangles by halving edges, segments in equal parts.
 
-    Neighbours share the middles of their edges. Both halves of an edge on a boundary lie on it, in its direction. The
-    edges halved are the longest of their triangles, and needles are cut across first, so that angles do not degenerate.
+    Neighbours share the middles of their edges. Both halves of an edge on a boundary lie on it, in its direction.
+    Needles are cut across first; then all edges that are too long are halved at once, until none is left.
     ``mesh``: flat cells. ``length``: longest edge, in the unit of the vertices.
     """
     assert mesh.midpoints is None
@@ -64,7 +64,7 @@ def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: tuple
 
 
 def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
-    """Return the mesh of triangles with chosen edges, and the facets on boundaries with them, halved.
+    """Return the mesh of flat triangles with chosen edges, and the facets on boundaries with them, halved.
 
     ``middle`` (e,): the vertex in the middle of each edge, -1 for edges that stay whole.
     ``points`` (k, d): positions of the new vertices: the vertices in ``middle`` that the mesh does not have yet.
@@ -88,7 +88,7 @@ def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floa
 
     The height is that of a surface above the edge (:class:`~cpmkit.mesh.mesh.EdgeSupport`). Both halves of
     an edge have its share, an edge between two middles that of the edge it is parallel to, an edge from a middle to the
-    opposite corner the lesser of the shares of the two other edges there.
+    opposite corner the lesser of the shares of the two edges that met at this corner.
     ``edges``, ``of``: the edges before and after halving. ``share`` (e,): the shares before.
     ``middle`` (e,): the vertex in the middle of each edge, -1 where it stayed whole; middles follow the old vertices.
     """
@@ -150,9 +150,9 @@ class _DividedEdges:
 
 
 def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, tuple[Ints, Ints] | None]:
-    """Return the mesh with needles cut across into pieces about as long as wide, and the edges that this halved.
+    """Return the mesh with needles cut across, and the edges halved by this, for :func:`halve_long_edges`, or None.
 
-    Pieces are longer than half of ``length``. The edges are as :func:`halve_long_edges` takes them; None if no needle.
+    Pieces are up to as long, and at least half as long, as the longer of ``length`` and the needle's short edge.
     """
     from cpmkit.mesh import mesh_kernels
 
@@ -210,7 +210,7 @@ def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
 
 
 def split_segments_equally(mesh: Mesh, length: float) -> Mesh:
-    """Return the mesh of segments split into the least number of equal parts not longer than ``length``."""
+    """Return the mesh with each segment split into the least number of equal parts not longer than ``length``."""
     ends = mesh.vertices[mesh.cells]
     parts = np.maximum(np.ceil(norms(ends[:, 1] - ends[:, 0]) / length), 1).astype(np.int64)
     segment, place = expand_counts(parts - 1)
@@ -262,7 +262,7 @@ def _half_integer_crossings(start: Floats, end: Floats) -> tuple[Ints, Floats, I
 def _shares_on_curve(
     source: LocalSource, start: Floats, end: Floats, axis: Ints, plane: Floats, share: Floats
 ) -> Floats:
-    """Return the shares (n,) of chords whose closest points on the curve lie in the planes, by the secant method.
+    """Return the share (n,) of each chord whose closest point on the curve lies in the chord's plane, by secants.
 
     A plane is where coordinate ``axis`` (n,) equals ``plane`` (n,). The iteration starts from ``share`` (n,), where the
     chords from ``start`` to ``end`` (n, d) cross the planes.

@@ -85,6 +85,7 @@ def refine_smooth_triangles(mesh: Mesh, source: LocalSource, length: float) -> M
 def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return quadratic triangles with nodes on the smooth surface, those of facets on boundaries on the boundaries.
 
+    Nodes far from their boundary stay off it, and midpoints of triangles that would turn over.
     ``mesh``: triangles of :func:`refine_smooth_triangles`, subdivided, with the boundaries inserted.
     ``source``: the manifold. ``boundaries``: as in :func:`curve_cells`.
     """
@@ -142,7 +143,7 @@ def smooth_midpoints(
     The normals are the means of those at the ends; beside creases they are the source's normals at the middles.
 
     ``vertices`` (v, d), ``ends`` (e, 2): positions of vertices, and the two vertices of each edge.
-    ``normals``: normals at the vertices. ``share`` (e,): share of its height that each edge keeps.
+    ``normals``: normals at the vertices. ``share`` (e,): factor of the height of the surface above each edge.
     """
     across, flat = unit(normals.across[ends].sum(axis=1)), np.asarray(normals.flat[ends].any(axis=1))
     if flat.any():
@@ -231,7 +232,7 @@ def _cached_heights(source: LocalSource, cache: MeshCache) -> Floats:
 def _height_shares(source: LocalSource, mesh: Mesh, normals: SmoothNormals) -> Floats:
     """Return the share (e,) of the height of the smooth surface above each edge that the edge keeps.
 
-    It is computed only if some edge of the source's own cells keeps less than its whole height; otherwise it is 1.
+    It is 1 if all edges of the source's own cells, or of all members of a union, keep it; else from ``normals``.
     """
     cache, support = mesh_cache_of(source), own_edge_support(source)
     if cache is not None and support is not None and cache.has_cells_of(mesh):
@@ -257,9 +258,8 @@ def _is_supported_union(source: LocalSource) -> bool:
 def _move_onto_boundaries(mesh: Mesh, normals: SmoothNormals, boundaries: Sequence[LocalSource | None]) -> Mesh:
     """Return the mesh with boundary vertices moved along the surface to their boundaries, then back onto the surface.
 
-    Vertices farther from their boundary than ``ONTO_BOUNDARY_EDGE_SHARE`` of their shortest edge stay. Vertices on
-    creases, and their neighbours, stay on the triangles, because no normal is that of both sides. ``normals`` are those
-    at the vertices.
+    Vertices farther from their boundary than ``ONTO_BOUNDARY_EDGE_SHARE`` of their shortest edge stay off it. Vertices
+    on creases, and neighbours, stay on the triangles: no normal is that of both sides. ``normals``: at the vertices.
     """
     vertices, on_cut = mesh.vertices.copy(), np.unique(mesh.cut)
     reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edge_lengths(mesh, on_cut, np.minimum, np.inf)

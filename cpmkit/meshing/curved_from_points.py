@@ -31,8 +31,8 @@ def curve_cells_by_closest_points(
     """Return quadratic cells with nodes on the manifold, those of facets and rim edges on the true boundaries and rims.
 
     Nodes of creased edges lie on the creases; midpoints of edges across creases stay on chords. Vertices far from their
-    boundary, or whose triangles would turn over, stay off it; some edges are flipped, and facets replaced, beside
-    boundaries, where triangles would turn over or be thin.
+    boundary, or whose triangles would turn over, stay off it. Edges are flipped where triangles beside boundaries are
+    thin or would turn over, and at slivers with all corners on creases; facets on boundaries may be replaced.
 
     ``mesh``: flat cells near the manifold, subdivided, with the boundaries inserted. ``source``: the manifold.
     ``boundaries``: in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its vertices.
@@ -50,9 +50,9 @@ def curve_cells_by_closest_points(
 def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return the mesh with its vertices on the manifold, rim vertices on its rim, boundary vertices on the boundaries.
 
-    Vertices farther from their boundary than ``ONTO_BOUNDARY_EDGE_SHARE`` of their longest edge stay; facets past a tip
-    lie on the manifold alone. Vertices beside boundaries move along; facets and cells change where triangles would
-    turn over. ``source`` is the manifold; for ``boundaries`` see :func:`curve_cells_by_closest_points`.
+    Vertices farther from their boundary than ``ONTO_BOUNDARY_EDGE_SHARE`` of their longest edge stay off it; facets
+    past a tip lie on the manifold alone. Vertices beside boundaries move along; facets and cells change where triangles
+    would turn over. ``source`` is the manifold; for ``boundaries`` see :func:`curve_cells_by_closest_points`.
     """
     rim = rim_of_vertices(mesh)
     points = _project_to_manifold(source, mesh.vertices, rim)
@@ -84,7 +84,7 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
 def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return the mesh with a midpoint for each edge: on the manifold, and on its boundary or rim; on chords at creases.
 
-    ``source``: the manifold. ``boundaries``: in the order of their numbers in ``mesh.owner``; None for one left out.
+    Arguments as of :func:`curve_cells_by_closest_points`; vertices are on the manifold.
     """
     edges, length = mesh.edges, mesh.edge_lengths
     straight = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
@@ -107,7 +107,7 @@ def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, may_move: Bools) 
     """Return the vertices (k,) beside boundaries that are displaced with the boundary, and their new positions (k, d).
 
     Each vertex gets the displacement of the nearest of all quarter points of facets on boundaries, reduced linearly to
-    zero at a distance of half the longest facet. Segments have no such vertices.
+    zero at a distance of half the longest facet. Vertices that would not move are left out, and all of segments.
     ``before``, ``moved`` (v, d): the vertices, and the same with those on boundaries moved onto the true boundaries.
     ``may_move`` (v,): which vertices may move.
     """
@@ -140,7 +140,7 @@ def boundary_vertices(mesh: Mesh, owner: int) -> Ints:
 
 
 def extreme_edge_lengths(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
-    """Return the ``extreme`` (np.minimum, np.maximum) edge length (v,) at vertices ``rows`` (k,), else ``none``."""
+    """Return the ``extreme`` (np.minimum, np.maximum) edge length (v,) at vertices ``rows``, ``none`` elsewhere."""
     chosen = np.zeros(len(mesh.vertices), dtype=bool)
     chosen[rows] = True
     lengths = np.full(len(mesh.vertices), none)
@@ -160,9 +160,9 @@ def straighten_creased_edges(midpoints: Floats, straight: Floats, length: Floats
 
 
 def _project_to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
-    """Return the closest points (n, d) of ``points`` (n, d); for the rows of ``rim`` they lie on the manifold's rim.
+    """Return the closest points (n, d) of ``points`` (n, d), for the rows of ``rim`` on the manifold's rim, if any.
 
-    Points at the rim are moved outwards, by up to four edge lengths, until their closest point lies on a rim, if any.
+    Queries at the rim are moved outwards, by up to four edge lengths, until their closest point lies on a rim.
     """
     positions = np.array(points)
     positions[rim.rows] += 1e-6 * rim.outward  # beyond rounding

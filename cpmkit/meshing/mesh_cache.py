@@ -83,7 +83,7 @@ def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache |
     """Return the cache of a source's mesh; None where the source has no mesh that is the same at any spacing.
 
     ``cells`` (m, k): the cells that the source has just returned: a cache is created and stored for them. Without
-        cells, only an existing cache is returned.
+        cells, an existing cache is returned, else None. It is None, too, for a source that cannot be a weak key.
     """
     of: Any = source.of
     try:

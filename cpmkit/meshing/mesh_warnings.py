@@ -32,7 +32,7 @@ def _cells_and_cure(geometry: CellGeometry, cure: str) -> tuple[str, str]:
 
 
 def repair_warnings(report: RepairReport, geometry: CellGeometry) -> Iterator[str]:
-    """Yield warnings on the repairs of the user's mesh, with ``geometry`` "closest_point" of a contoured one."""
+    """Yield warnings on removed cells and separated vertices, of the user's mesh or (``geometry``) a contoured one."""
     if report.doubled:
         cells, cure = _cells_and_cure(geometry, "clean the mesh")
         yield (

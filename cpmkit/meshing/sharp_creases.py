@@ -52,9 +52,9 @@ def creased_edges(mesh: Mesh) -> Bools:
 
 
 def sharpen_vertices(mesh: Mesh, source: LocalSource) -> Mesh:
-    """Return the mesh with the vertices of creased edges on creases, unless they are on a rim or boundary.
+    """Return the mesh with the vertices of creased edges on creases, unless they are on a rim or boundary, or far off.
 
-    Of triangles with all corners on one crease the longest edges are flipped, so that each lies on one of its faces.
+    Of slivers with all corners on creases the longest edges are flipped, so that each triangle lies on one face.
     """
     fixed = np.zeros(len(mesh.vertices), dtype=bool)
     fixed[mesh.cut], fixed[rim_of_vertices(mesh).rows] = True, True

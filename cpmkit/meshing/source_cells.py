@@ -32,7 +32,7 @@ class SourceCells:
 
 
 def source_cells(source: LocalSource, length: float, shortest: float | None = None) -> SourceCells | None:
-    """Return the cells of a source; None where a mesh must be contoured from closest points.
+    """Return the cells of a curve or of a surface in space; None where they must be contoured from closest points.
 
     A mesh or polyline has its own cells, curved where it is read as smooth; an analytic or parametric shape has a mesh
     of itself. Meshes of level sets in space have too many triangles, of bad shape. Members of a union have separate
@@ -108,7 +108,7 @@ def _own_mesh(source: LocalSource, length: float) -> Mesh | None:
 
 
 def _largest_centre_distance(source: LocalSource, mesh: Mesh) -> float:
-    """Return the largest distance of sampled centres of cells from the manifold: zero for a faceted mesh.
+    """Return the largest distance of the centres of some 1000 cells from the manifold: zero for a faceted mesh.
 
     No query, and so no search tree, is needed where the source has exact closest points, values at its vertices, and
     the same cells at another spacing: then the manifold consists of these cells.
@@ -144,7 +144,7 @@ def _cells_of_union(source: LocalSource, length: float, shortest: float | None) 
 
 
 def _have_common_points(first: LocalSource, first_mesh: Mesh, second: LocalSource, second_mesh: Mesh) -> bool:
-    """Return whether two members come within 1e-6 of their size, by alternating projections from vertices."""
+    """Return whether two members come within 1e-6 of the larger's size, by projections in turn from near vertices."""
     size = max(box_size(first_mesh.vertices), box_size(second_mesh.vertices))
     x = first_mesh.vertices
     x = x[np.argsort(norms(second.closest_point(x).points - x))[:256]]

@@ -6,8 +6,7 @@ count twice; were the boundary left on its chord, samples would lie on its wrong
 The chords of an inserted boundary may pass a triangle on one side while the boundary itself passes it on the other:
 then the third edge becomes the facet on the boundary. Elsewhere the triangle is thinner than the boundary bends. With
 its edges on the boundary and the third edge on the manifold it would turn over, and with straight edges there would be
-area on the wrong side of the boundary, up to two thirds of the chord's height times its length: then the third edge is
-flipped.
+area on its wrong side, up to two thirds of the chord's height times its length: then the third edge is flipped.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ def untangle_vertices(mesh: Mesh, before: Floats, moved: Floats) -> Floats:
     """Return ``moved`` (v, d), with the positions ``before`` (v, d) for vertices of triangles that would turn over.
 
     They would if their area shrank below ``LEAST_MOVED_AREA_RATIO``. A vertex that keeps its position may lie off its
-    boundary. For segments ``moved`` itself is returned.
+    boundary. There are ``UNTANGLING_ROUNDS`` rounds. For segments ``moved`` itself is returned.
     """
     if mesh.manifold_dim == 1:
         return moved
@@ -66,7 +65,7 @@ def untangle_midpoints(
     """Return the ``midpoints`` (e, d) of edges, changed where quadratic triangles would turn over.
 
     First the other midpoints of such triangles move along with the midpoint on the boundary. Where triangles still turn
-    over, the midpoints on boundaries return to ``free``, projected, and the others to ``midpoints``.
+    over, the midpoints on boundaries return to ``free``, projected, and the others to ``midpoints``; a few may remain.
 
     ``mesh``: triangles. ``on_boundary`` (c,): the edges on boundaries. ``source``: the manifold.
     ``midpoints``, ``free`` (e, d): midpoints on the manifold, the rim and boundaries; and those before any was moved
@@ -91,7 +90,7 @@ def untangle_midpoints(
 
 
 def area_ratios(before: Floats, moved: Floats) -> Floats:
-    """Return the ratio (m,) of the signed areas of triangles after and before a move, from their corners (m, 3, d)."""
+    """Return the signed area of triangles after a move, over that before, (m,), from their corners (m, 3, d)."""
     return _signed_ratio(*_sides(before), *_sides(moved))
 
 
@@ -239,11 +238,7 @@ def _replace_facet_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
 
 def flip_chords(mesh: Mesh) -> Mesh:
     """Return the triangles with third edges flipped (:func:`flip_third_edges`) where two are in line on boundaries."""
-    edges = mesh.edges
-    on_cut = np.zeros(len(edges.ends) + 1, dtype=bool)
-    on_cut[mesh.cut_edges] = True
-    on_cut[-1] = False
-    of_cells = on_cut[edges.of_cells]
+    of_cells = mesh.edge_is_cut[mesh.edges.of_cells]
     thin = np.flatnonzero(of_cells.sum(axis=1) == 2)
     if not len(thin):
         return mesh
@@ -253,14 +248,15 @@ def flip_chords(mesh: Mesh) -> Mesh:
 def flip_third_edges(mesh: Mesh, thin: Ints, lead: Ints) -> Mesh:
     """Return the triangles; where two edges of one of ``thin`` (k,) lie nearly in line, its third edge is flipped.
 
-    The two edges meet at corner ``lead`` (k,). The third stays where it lies on the rim, where its two triangles form
-    no convex quadrilateral or take part in another flip, or where the flipped edge exists already.
+    The two edges meet at corner ``lead`` (k,). The third stays where it lies on a boundary, has not just two triangles,
+    or these form no convex quadrilateral or take part in another flip, or where the flipped edge exists already.
     """
     edges = mesh.edges
     cells, chords = _rotate_corners(mesh.cells, edges, thin, lead)
     sides = mesh.vertices[cells[:, 1:]] - mesh.vertices[cells[:, :1]]
     # A line continues through a vertex where the cosine of the angle between its edges there is below -.8.
     straight = dots(sides[:, 0], sides[:, 1]) < -0.8 * norms(sides[:, 0]) * norms(sides[:, 1])
+    straight &= ~mesh.edge_is_cut[chords]
     thin, cells, chords = thin[straight], cells[straight], chords[straight]
     neighbour, corner = _opposite_triangles(edges, thin, chords)
     thin, cells, neighbour, corner = (array[neighbour >= 0] for array in (thin, cells, neighbour, corner))
@@ -291,8 +287,7 @@ def _rotate_corners(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[
 def _opposite_triangles(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
     """Return the second triangle (k,) at each edge ``shared`` (k,) of triangles ``rows`` (k,), and its corner (k,).
 
-    The corner, 0 to 2, is opposite to the edge. The triangle is -1, and the corner without meaning, where the edge has
-    not exactly two triangles.
+    The corner, 0 to 2, is opposite to the edge. Where the edge has not two triangles, the triangle is -1.
     """
     chosen = np.zeros(len(edges.ends), dtype=bool)
     chosen[shared] = True

@@ -8,7 +8,7 @@ from model_problems import sphere_points
 import cpmkit as ck
 from cpmkit import ClosestPoints, build_band
 from cpmkit.grid.band import reading_radius, stencil_cells, tensor_offsets
-from cpmkit.grid.lattice import Codes
+from cpmkit.grid.lattice import Codes, Lattice, suggest_spacing
 from cpmkit.plugin import localize
 
 
@@ -78,3 +78,9 @@ def test_a_point_outside_the_numbered_box_has_no_code():
     inside = np.array([[0, 0], [1, 0], [1, 2]])
     np.testing.assert_array_equal(codes.decode(codes.encode(inside)), inside)
     np.testing.assert_array_equal(codes.encode(np.array([[0, 3], [-1, 5], [2, 0], [0, -1]])), -1)
+
+
+def test_spacings_suggested_for_points_are_fine_enough_and_one_point_loses_nothing_to_rounding():
+    many = ck.source("points", at=np.random.default_rng(0).uniform(size=(50, 3)))
+    assert 0.0 < suggest_spacing(many) < 0.1
+    assert Lattice(np.array([1e9, 0.0]), 0.1).rounding_warnings(np.zeros((2, 2)), translated=False) == ()

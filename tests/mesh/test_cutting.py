@@ -82,3 +82,12 @@ def test_points_part_curves():
     assert seen.cell[at].tolist() == [1, 2, 3]
     assert seen.along[at].tolist() == [1, -1, -1]
     assert sorted(mesh.facets[seen.cell, seen.facet][~at, 0].tolist()) == [0, 3, 4]
+
+
+def test_an_edge_that_no_cell_has_cuts_nothing():
+    mesh = grid(1, 1)
+    cells = [set(cell) for cell in mesh.cells.tolist()]
+    absent = next([a, b] for a in range(4) for b in range(a) if not any({a, b} <= cell for cell in cells))
+    cut = with_cut(mesh, [absent])
+    np.testing.assert_array_equal(cut_corners(cut), cut_corners(mesh))
+    assert (half_facets(cut).cut == -1).all()

@@ -1,9 +1,10 @@
 """A boundary that bends by more than the height of a triangle beside it does not turn that triangle over."""
 
 import numpy as np
+from sample_shapes import with_cut
 
 import cpmkit as ck
-from cpmkit.meshing.untangling import is_folded, untangle_vertices
+from cpmkit.meshing.untangling import flip_third_edges, is_folded, untangle_vertices
 from cpmkit.plugin import Mesh
 
 FLAT = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1e-3, 0], [0.5, -1, 0]])
@@ -23,6 +24,12 @@ def test_an_edge_that_bends_over_the_opposite_corner_folds_its_triangle():
     assert not is_folded(MESH.vertices[MESH.cells], middles).any()
     middles[:, 2, 1] += 0.02  # the common edge, opposite to the last corner of either
     assert is_folded(MESH.vertices[MESH.cells], middles).tolist() == [True, False]
+
+
+def test_an_edge_on_a_boundary_is_not_flipped():
+    thin = np.array([0]), np.array([2])  # the corner opposite to the common edge
+    assert flip_third_edges(MESH, *thin).cells.tolist() != MESH.cells.tolist()
+    assert flip_third_edges(with_cut(MESH, [[1, 0]]), *thin).cells.tolist() == MESH.cells.tolist()
 
 
 def test_nothing_beside_a_circle_counts_twice():

@@ -18,9 +18,9 @@ from cpmkit.grid.lattice import (
     bytes_per_unknown,
     cell_levels,
     check_band_memory,
+    estimated_node_count,
     fitting_spacing,
     lattice_of,
-    nodes_of_blocks,
 )
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import HasNormals, HasTangents, advice_of
@@ -133,7 +133,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         surface = localize(self.scene.surface, lattice.origin)
         levels = cell_levels(surface, lattice.spacing, base_offset(degree))
         side, blocks = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > DRY_RUN_CELLS)
-        unknowns = nodes_of_blocks(blocks, side, surface.dim, surface.largest_dim, degree)
+        unknowns = estimated_node_count(blocks, side, surface.dim, surface.largest_dim, degree)
         check_band_memory(surface, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
         return lattice.spacing * side
 

@@ -243,7 +243,7 @@ def sharp_bend_warnings(layout: Layout, spacing: float) -> list[str]:
     if layout.surface.manifold_dim != layout.surface.dim - 1:
         return []
     band, directions = layout.band, foot_directions(layout.band)
-    first, second = band.neighbours()
+    first, second = band.neighbour_pairs()
     chord = np.linalg.norm(band.feet.points[first] - band.feet.points[second], axis=1)
     cosine = np.sum(directions.unit[first] * directions.unit[second], axis=1)
     comparable = directions.reliable[first] & directions.reliable[second] & (cosine > SAME_FLANK_COSINE)

@@ -122,7 +122,7 @@ def restore_creases(nodes: LatticeNodes, vertices: Floats, cells: Ints, on_rim: 
 def _at_most_one_per_triangle(rows: Ints, edge: Ints, of_cells: Ints) -> tuple[Ints, Ints]:
     """Return the entries of ``rows`` (k,) and ``edge`` (k,) that are left if each triangle keeps its first edge only.
 
-    ``edge`` are distinct edges, the preferred first, ``of_cells`` (m, 3) the edges of all triangles.
+    ``edge``: edges, the preferred first; of equal ones the first counts. ``of_cells`` (m, 3): those of all triangles.
     """
     rank = np.full(int(of_cells.max(initial=-1)) + 1, len(edge))
     np.minimum.at(rank, edge, np.arange(len(edge)))

@@ -52,7 +52,7 @@ def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spa
 def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
     """Return the triangles (k, 3) that are left when flaps are removed one after the other.
 
-    A flap has two open edges off rims; or an open edge off rims, or two open edges, and an edge of three or more.
+    A flap has two open edges off rims; or an edge of three triangles or more, and one open edge off rims or two open.
     """
     from cpmkit.meshing.contouring.contouring_kernels import remove_flap_triangles
 

@@ -83,8 +83,8 @@ def _ranges(source: LocalSource, length: float) -> tuple[float, float]:
 def edge_crossings(source: LocalSource, nodes: LatticeNodes) -> Crossings:
     """Return the points at which edges between ``nodes`` cross the surface, with unit normals of the surface there.
 
-    Each edge is marched from one end, where needed from the other end too. Edges that then leave two lattice faces or
-    more with an odd number of crossings are searched again by sphere tracing.
+    Where the surface is planar, an edge crosses its plane; other edges are marched from one end, where needed from the
+    other too. Edges that leave two lattice faces or more with an odd number of crossings are sphere traced again.
     """
     tail, head, axis = _candidate_edges(nodes, 2 * NEAR_NOISES * source.noise)
     s, near_share = nodes.spacing, _ranges(source, nodes.spacing)[0]

@@ -49,9 +49,9 @@ class Insertion:
 def insert_boundaries(
     mesh: Mesh, boundaries: Sequence[LocalSource], spacing: float, movable: bool = False
 ) -> Insertion:
-    """Return the mesh with boundaries as facets: curves as edges of triangles, points as vertices.
+    """Return the mesh with boundaries as facets: curves as edges of triangles, points of a curve as vertices.
 
-    Vertices that are inserted lie on the original flat cells.
+    Points on a surface become ``point_vertices``. Vertices that are inserted lie on the original flat cells.
     ``mesh``: valid, flat, not cut. Its facets may have any number of cells. ``spacing``: spacing h of the lattice.
     ``boundaries``: relative to the same origin: curves and points on a surface, points on a curve.
     ``movable``: whether vertices of curves are moved onto these later: near vertices may then become some of a curve.
@@ -139,7 +139,7 @@ def _coincident_pairs(polylines: Sequence[Sequence[InsertionPolyline]]) -> froze
 def point_positions(source: LocalSource, vertices: Floats) -> Floats:
     """Return the points (k, d) of a source of dimension 0.
 
-    For a source without a mesh they are the closest points of up to about 1000 of ``vertices`` (v, d).
+    For a source without a mesh they are the distinct closest points of about 1000 of ``vertices`` (v, d), or of all.
     """
     if isinstance(source.source, HasMesh):
         drawing, cells = source.source.mesh(1.0)

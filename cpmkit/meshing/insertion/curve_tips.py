@@ -42,7 +42,7 @@ def join_stray_tips(finder: PathFinder, counts: Counter[str]) -> None:
 
 
 def extend_tips(finder: PathFinder, reach: float, counts: Counter[str]) -> None:
-    """Extend curves straight past their tips by a length ``reach``, or up to a rim or a curve; count these ``tips``."""
+    """Extend curves straight past their tips by a length ``reach``, or up to a rim or curve; count the ``tips``."""
     links = _boundary_links(finder)
     for tip in _tips(finder, links):
         counts["tips"] += 1
@@ -63,7 +63,7 @@ def _boundary_links(finder: PathFinder) -> Links:
 
 
 def _last_edge(finder: PathFinder, tip: int) -> BoundaryEdge | None:
-    """Return the boundary edge that ends at a tip; None where several edges meet there by now."""
+    """Return the boundary edge that ends at a tip; None where by now not just one is there."""
     edges = (edge_key(tip, other) for other in finder.triangulation.neighbours(tip))
     lines = [finder.constrained.edges[edge] for edge in edges if edge in finder.constrained.edges]
     return lines[0] if len(lines) == 1 else None
@@ -131,7 +131,7 @@ def _tip_direction(finder: PathFinder, links: Links, tip: int) -> Vector:
 def _straight_path(finder: PathFinder, tip: int, heading: Vector, reach: float) -> list[int]:
     """Return the vertices of the straight path over the surface from a tip in direction ``heading``.
 
-    It is ``reach`` long, or ends at a rim or a curve; vertices are inserted where it crosses edges.
+    It is ``reach`` long, or ends at a rim, a curve or itself; vertices are inserted where it crosses edges.
     """
     net, constrained, path, left = finder.triangulation, finder.constrained, [tip], reach
     while True:

@@ -82,7 +82,8 @@ def refine_curve(
 def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPolyline]) -> tuple[Floats, Ints]:
     """Return points (k, 3) of a segment with ``ends`` (2, 3), and their partners (k, 2) on an earlier polyline.
 
-    These are the points that the earlier polyline has between the ``partners`` (2, 2) of the segment's ends.
+    These are the points that the earlier polyline has between the ``partners`` (2, 2) of the segment's ends; none
+    unless these follow each other among the points of its simplified curve.
     """
     none = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
     number = int(partners[0, 0])
@@ -132,7 +133,10 @@ def parts_on_surface(
 
 
 def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections: Projections) -> Floats:
-    """Return the distance (n,) of each point past a rim, along the surface, in local edge lengths; 0 before a rim."""
+    """Return the distance (n,) of each point past a rim, along the surface, in local edge lengths.
+
+    It is 0 for points before a rim, and for points higher above the surface than far past its rim.
+    """
     corners = triangulation.original.vertices[triangulation.original.cells[projections.cell]]
     off = points - projections.positions(triangulation)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -154,8 +158,7 @@ def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections:
 def _are_past_rim(offsets: Floats, closed: bool) -> Bools:
     """Return which points (n,) lie past a rim, given their ``offsets`` (n,) from :func:`_rim_offsets`.
 
-    A stretch within .15 local edge lengths of the rim between two points on it, or a whole curve that close to a rim,
-    counts as on the surface.
+    A stretch within .15 local edge lengths of the rim between two points on it, or a whole curve so near, is not.
     """
     off = offsets > PAST_RIM_SHARE
     start = int((~off).argmax()) if closed else 0

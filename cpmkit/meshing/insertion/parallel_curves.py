@@ -1,8 +1,7 @@
 """Curves that coincide or nearly do: points that lie on another boundary, and points placed beside each other.
 
 Each curve is a polyline with vertices of its own. Where two curves are nearer to each other than a chord is to its arc,
-their polylines would cross, and the zone between them would be cut to pieces. Chords between points that lie beside
-each other are parallel.
+their polylines would cross, and the zone between them would be cut up. Chords between points side by side are parallel.
 """
 
 from __future__ import annotations
@@ -59,13 +58,13 @@ def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
     stretch = np.cumsum(np.diff(is_close, prepend=is_close[:1]))
     ways = np.append(np.repeat(chords, SEGMENT_POINTS, axis=0), chords[-1:], axis=0)
     ways, off = unit(in_three_dimensions(ways)), in_three_dimensions(off)
-    crosses = (dots(off[1:], _rotate(off[:-1], ways[:-1], ways[1:])) < 0) & is_close[1:] & is_close[:-1]
+    crosses = (dots(off[1:], _rotate_with_chords(off[:-1], ways[:-1], ways[1:])) < 0) & is_close[1:] & is_close[:-1]
     crossings = np.bincount(stretch[1:], crosses, minlength=stretch[-1] + 1)
     return np.asarray(is_close & (crossings[stretch] >= 3))
 
 
-def _rotate(vectors: Floats, start: Floats, end: Floats) -> Floats:
-    """Return ``vectors`` (n, 3) under the rotation that takes unit chords ``start`` (n, 3) to ``end`` (n, 3)."""
+def _rotate_with_chords(vectors: Floats, start: Floats, end: Floats) -> Floats:
+    """Return ``vectors`` (n, 3) rotated as unit chords ``start`` to ``end`` (n, 3), which are not opposite."""
     axis, cosine = np.cross(start, end), dots(start, end)
     once = np.cross(axis, vectors)
     return np.asarray(vectors + once + np.cross(axis, once) / np.maximum(1 + cosine, 1e-9)[:, None])

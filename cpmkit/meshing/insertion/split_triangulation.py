@@ -163,7 +163,7 @@ class SplitTriangulation:
     def vertex_normal(self, vertex: int) -> Vector:
         """Return the unit normal at a vertex: the normalised sum of the original triangles' normals.
 
-        Normals are oriented like the first; splits do not change the result.
+        Each is flipped to the side of the sum of those before; splits do not change the result.
         """
         normal = self._vertex_normals.get(vertex)
         if normal is None:

@@ -201,7 +201,7 @@ def erase_short_loops(triangulation: SplitTriangulation, path: list[int], backwa
     """Return a path without loops shorter than two local edge lengths, or four at ``backward`` vertices.
 
     Such loops come from projections that jump, from cusps of offset curves and from noise in polylines.
-    ``path``: vertices; a closed path ends where it starts.
+    ``path``: vertices; a closed path ends where it starts, and is returned from another of its vertices on.
     ``backward``: the vertices between which projections go back while the curve, off the surface there, continues.
     """
     path = _erase_inner_loops(triangulation, path, backward)

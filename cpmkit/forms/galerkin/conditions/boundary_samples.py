@@ -10,9 +10,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, normal_frames, norms, unit
 from cpmkit.mesh.adjacency import HalfFacets
-from cpmkit.mesh.cell_quadrature import Samples, normal_frames
+from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.types import Bools, Floats, Ints
 
