@@ -36,7 +36,7 @@ class Cholesky:
 
 
 def dense_cholesky(matrix: SparseMatrix) -> Cholesky | None:
-    """Return the dense Cholesky factor of a symmetric matrix of up to 640 unknowns, None if it has none or is sparse.
+    """Return the dense Cholesky factor of a symmetric matrix; None if it has none, is sparse, or over 640 unknowns.
 
     It has none if it is not positive definite, or complex (complex shifts are symmetric, not Hermitian). Sparse factors
     are faster for larger matrices, and for those with less than 8 percent of nonzero entries.

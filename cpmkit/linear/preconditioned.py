@@ -121,7 +121,7 @@ class JacobiSolver:
     max_iterations: int = 5000
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreconditionedCG:
-        """Return the iteration for an operator; the first of ``levels`` gives the unknowns near conditions, if any.
+        """Return the iteration; ``levels[0]``, if any, gives the unknowns near conditions, unless there is a border.
 
         Raises SceneError if the operator is not real and symmetric. Raises ConvergenceError if the diagonal has an
         entry that is not above zero, or the matrix of the unknowns near conditions is not positive definite.
@@ -154,7 +154,7 @@ class JacobiOrMultigrid:
     multigrid: LinearSolver
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedSolver:
-        """Return the faster iteration for an operator, chosen by the row sums of its matrix; ``levels`` are the form's.
+        """Return the faster iteration, chosen by row sums if the operator is symmetric, else multigrid's; raises as it.
 
         As A 1 = 0, the row sums of M + factor A are those of M alone, while the diagonal is the sum of both: their
         ratio determines the condition number for any unit of length, step and diffusivity. From 1/64 on, for -Lap up to

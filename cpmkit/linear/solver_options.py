@@ -40,7 +40,7 @@ def choose_solver(
 
     ``manifold_dim`` is the dimension of the manifold. A ``factor`` above one favours the direct solver, for problems
     that iterative solvers solve slowly. ``iterative`` is the solver of large systems: ``multigrid`` where the form has
-    symmetric operators and levels, ``direct`` where no iterative solver is suitable.
+    levels for the problem, ``direct`` where no iterative solver is suitable.
     """
     if name != "auto":
         return name
@@ -61,8 +61,8 @@ def _check_tolerance(tolerance: Any, label: str) -> float | None:
 def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
     """Return the built-in solver ``name``, or a plugin's solver of that kind, with its ``options`` by name.
 
-    A built-in solver ignores options that it does not have. Raises SceneError if a plugin's solver has no such option,
-    PluginError if ``name`` is the kind of a source, a condition or a back end.
+    A built-in solver ignores options that it does not have. Raises SceneError if a plugin's solver does not accept an
+    option, PluginError if ``name`` is no kind, or that of a source, a condition or a back end.
     """
     if name in SOLVERS:
         return SOLVERS[name](**{key: value for key, value in options.items() if key in SOLVER_OPTIONS[name]})
@@ -85,7 +85,7 @@ class SolverOptions(DeclaredOptions):
     """The choice of the linear solver, its tolerance, and in ``further`` the options of the solver itself.
 
     Raises InputError if the name is neither auto, nor a built-in solver, nor a kind of an installed plugin, or an
-    option is unknown or has a value that is not accepted.
+    option is unknown or has a value that is not accepted; for a kind of a plugin the errors of :func:`make_solver`.
     """
 
     solver: str = option(
@@ -103,10 +103,10 @@ class SolverOptions(DeclaredOptions):
     further: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the options declared here, the name of the solver, and its own options; raise InputError."""
+        """Check the options declared here, the name of the solver, and its own options; raises as the class says."""
         super().__post_init__()
         name, further = self.solver, self.further
-        if name not in SOLVER_OPTIONS:
+        if name not in [*SOLVER_OPTIONS]:  # a list is refused, though it is no key
             if name not in [installed.kind for installed in installed_kinds()]:
                 raise InputError(
                     f"solver must be auto, {', '.join(SOLVERS)}, or the kind of a solver's plugin, got {shown(name)}."

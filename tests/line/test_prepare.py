@@ -100,6 +100,9 @@ def test_the_edge_takes_other_data_and_fluxes_inside_do_too():
         ck.prepare(wall, 0.1, form="collocation").solve(data=data)
     again = ck.prepare(wall, 0.1, form="galerkin").solve(data=data)  # whose samples hold any flux
     np.testing.assert_array_equal(again.values, ck.solve(new, 0.1, form="galerkin").values)
+    bare = ck.prepare(ck.Scene(arc, ck.ScreenedPoisson(1.0)), 0.1, form="galerkin")  # without samples at its ends
+    with pytest.raises(ck.SceneError, match="which this scene was prepared without"):
+        bare.solve(data={"edge": ck.Neumann(1.0)})
 
 
 def test_factors_are_made_once_for_one_left_side():

@@ -259,6 +259,7 @@ def test_a_tolerance_out_of_reach_says_what_was_reached():
     assert 0 < report.residual < 1e-12
 
 
-def test_an_unknown_solver():
+@pytest.mark.parametrize("solver", ["magic", ["direct"], None])
+def test_an_unknown_solver(solver):
     with pytest.raises(ck.InputError, match="auto, direct, multigrid, jacobi, reference, or"):
-        ck.solve(sphere_scene(), 0.3, solver="magic")
+        ck.solve(sphere_scene(), 0.3, solver=solver)

@@ -69,7 +69,7 @@ class SampleCoefficients(PointReader):
         return self.append_boundary_samples(self.at_points(data, label)[:, 0])
 
     def append_boundary_samples(self, values: Floats) -> Floats:
-        """Return ``values`` (p, ...) at samples and, at boundary samples, at the first of their cell, as (q, ...)."""
+        """Return ``values`` (p, ...) at samples as (q, ...): for boundary samples that at the first of their cell."""
         samples = self.sampled.samples
         first = np.searchsorted(samples.cell[: self.sampled.interior], self.sampled.boundary.cell)
         return np.concatenate([values, values[first]])

@@ -58,8 +58,8 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
     vertices, faces : (v, d) float64, (m, k) int64
         A mesh of the scene's surface, k = 3, or curve, k = 2, in its coordinates: welded, without degenerate cells.
     length : float
-        Typical edge length. Curves are followed in steps of half of it; a curve farther than a few steps from the
-        surface is refused.
+        Typical edge length. Curves are followed in steps of half of it; a boundary farther than three of these lengths
+        from the surface is refused.
 
     Raises
     ------

@@ -11,7 +11,7 @@ from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.enrichment.enriched_space import EnrichedSpace
 from cpmkit.forms.galerkin.form import Galerkin, galerkin
 from cpmkit.forms.galerkin.options import STABILISATIONS, GalerkinOptions
-from cpmkit.forms.galerkin.options import check as check
+from cpmkit.forms.galerkin.options import check_scene as check
 from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, build_refined_space, level_splines
 from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.galerkin.scene_sampling import InsertedScene, insert_scene, sample_inserted
@@ -49,8 +49,8 @@ LEAST_GAIN = 3.0
 def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
     """Return the discretisation of a scene; ``progress`` receives the stage and the share of it that is done.
 
-    Raises SceneError if the form cannot solve the scene, and InputError, SceneError or ResolutionError if the
-    lattice's origin, a boundary, a condition or the spacing does not fit.
+    Raises SceneError if the form cannot solve the scene, InputError, SceneError or ResolutionError if the lattice's
+    origin, a boundary, a condition or the spacing does not fit, and with ``refine="auto"`` the errors of solves too.
     """
     check(scene, options)
     SolveMemory(scene, options).check_samples_fit()
@@ -165,9 +165,9 @@ def residual_squares(form: Galerkin, u: Floats) -> Floats:
 
 
 def _laplacian(form: Galerkin, u: Floats) -> Floats:
-    """Return (q, channels) Lap u at the q samples: the sum of second derivatives of u (n, channels) along tangents.
+    """Return Lap u (p, channels) at samples of a surface: the sum of the second derivatives along two tangents.
 
-    It is tr(P H P), with H the Hessian of the splines, of degree 2 on a surface in space, P the tangential projection.
+    It is tr(P H P), H the Hessian of the splines, of degree 2, and P the tangential projection; u is (n, channels).
     """
     dof_map, samples = form.space.dof_map, form.sampled.samples
     coefficients, laplacian = form.space.to_coefficients(u), np.zeros((form.sampled.interior, u.shape[1]))

@@ -91,8 +91,8 @@ def build_dof_map(
 
     ``contacts`` (m, k) are the vertices of the cells of the mesh that was cut along the boundaries, ``cell`` (q,) is
     the mesh cell of each sample, by default cell i of sample i, ``tied`` (t, 2) are pairs of samples at the lips of
-    ties. Points are relative to the origin of the lattice. A connected piece of the manifold smaller than
-    `ISOLATED_SPACINGS` has one unknown, which all of its patches read.
+    ties. Points are relative to the origin of the lattice. A piece of the manifold, connected across ties too, that is
+    smaller than `ISOLATED_SPACINGS` has one unknown, which all of its patches read, or one for each part between ties.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     cell = np.arange(len(points)) if cell is None else cell
@@ -114,7 +114,7 @@ def unequal_pairs(pairs: Any, count: int) -> Any:
 
 
 def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
-    """Return the patch (s,) of each sample, one sample (p,) of each patch, and the pairs (t, 2) of patches that touch.
+    """Return each sample's patch (s,), the number (p,) of one sample of each patch, and pairs (t, 2) of touching ones.
 
     ``code`` (s,) is the code of the lattice cell, ``cell`` (s,) the mesh cell of each sample; ``corners`` (m, k) are
     the vertices of the mesh cells after cutting.
@@ -155,9 +155,9 @@ def connected_pieces(dof_map: DofMap, across_ties: bool = True) -> tuple[int, In
 
 
 def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
-    """Return the lines (d k, degree + 1) of unknowns that a patch reads along each axis, through k of its unknowns.
+    """Return the lines (d k, degree + 1) of unknowns inside patches, along each axis, through k unknowns.
 
-    ``entries`` (k,) are the places of these unknowns in ``dof_map.unknowns.ravel()``. Lines ascend by axis.
+    ``entries`` (k,) are places in ``dof_map.unknowns.ravel()``, each an unknown in a patch. Lines ascend by axis.
     """
     flat, width = dof_map.unknowns.ravel(), dof_map.width
     lines = [(entries - entries // s % width * s)[:, None] + s * np.arange(width) for s in dof_map.strides]
@@ -224,10 +224,10 @@ def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[
 
 @compiled
 def touching_patches(patch: Any, patches: int, first: Any, after: Any, holder: Any) -> Any:
-    """Return the pairs (t, 2) of distinct patches that share a mesh vertex: ascending, the smaller number first.
+    """Return the pairs (t, 2) of patches that have mesh cells with a common vertex: ascending, smaller number first.
 
-    ``first``, ``after`` and ``holder`` are the linked slots from :func:`join_samples`; ``patch`` (q,) is the patch of
-    each sample, ``patches`` their number.
+    A patch is a connected set of samples in a lattice cell. ``first``, ``after`` and ``holder`` are the linked slots of
+    vertices of the cut mesh from :func:`join_samples`; ``patch`` (q,) is each sample's patch, ``patches`` their number.
     """
     head = np.full(patches, -1)
     other, link = np.empty(patches + 1, dtype=np.int64), np.empty(patches + 1, dtype=np.int64)

@@ -85,7 +85,7 @@ class GalerkinOperator(CsrOperator):
         return levels[: sum(radian <= most for radian in radians)]
 
 
-def build_operator(
+def build_galerkin_operator(
     matrix: SparseMatrix, conditions: ConditionTerms, a: Floats, c: Floats | None, advection: Advection | None = None
 ) -> GalerkinOperator:
     """Return the operator of a ``matrix`` (n, n), with its properties from the coefficients of the equation.
@@ -135,8 +135,8 @@ class EquationAssembly:
     def stiffness(self, terms: Terms) -> GalerkinOperator:
         """Return A: the energy of the diffusivity, stabilised, c u v, the advection, and the terms of the conditions.
 
-        Raises InputError if the diffusivity is not positive (definite on tangents), SceneError if a condition gives a
-        conductivity that differs from it.
+        Raises InputError if the diffusivity is not positive (definite on tangents) or the velocity is not (n, d),
+        SceneError if a condition gives a conductivity that differs from the diffusivity.
         """
         space, coefficients = self.coefficients.space, self.coefficients
         a = coefficients.diffusivity(terms.diffusivity)
@@ -154,7 +154,7 @@ class EquationAssembly:
             matrix = (matrix + conditions.matrix).tocsr()
         if terms.conservative:
             matrix = (matrix + conditions.outflow_matrix).tocsr()
-        return build_operator(matrix, conditions, scalar_coefficient(space.splines, a), c, advection)
+        return build_galerkin_operator(matrix, conditions, scalar_coefficient(space.splines, a), c, advection)
 
     @cached_property
     def mass_in_time(self) -> CsrOperator:

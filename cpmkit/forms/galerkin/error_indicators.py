@@ -189,7 +189,7 @@ def support_floor(surface: LocalSource, area: float, difference: float | None) -
     The ``surface`` is a mesh that is read as smooth, or a union of such, and ``area`` that of the curved surface.
     ``difference`` is the root mean square difference of a solution on it from one on the triangles, as a share of the
     range; by default the relative difference of their areas, which is as a rule larger. The error is 0 if a part of the
-    source is no mesh.
+    source has no mesh that is the same at any spacing.
     """
     by_member = [_areas_by_support(member) for member in surface.members]
     areas = np.array([member for member in by_member if member is not None])

@@ -19,7 +19,7 @@ from cpmkit.forms.data_checks import DataAtPoints, data_warnings
 from cpmkit.forms.form_records import Diagnosis, ExpectedError, FormTraits, StateFlux
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.boundary_sides import side_moments
-from cpmkit.forms.galerkin.conditions.imposed_conditions import imposed_conditions
+from cpmkit.forms.galerkin.conditions.imposed_conditions import imposed_conditions, needs_rims
 from cpmkit.forms.galerkin.equation_assembly import EquationAssembly, GalerkinOperator, multigrid_applies
 from cpmkit.forms.galerkin.error_indicators import (
     difference_order,
@@ -27,7 +27,7 @@ from cpmkit.forms.galerkin.error_indicators import (
     single_solution_estimate,
     support_floor,
 )
-from cpmkit.forms.galerkin.options import GalerkinOptions, check
+from cpmkit.forms.galerkin.options import GalerkinOptions, check_scene
 from cpmkit.forms.galerkin.resolution import LatticeResolution, Resolution
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.solution_warnings import crossing_warnings, outflow_layer_warnings, tip_warnings
@@ -79,7 +79,7 @@ class Galerkin(EquationAssembly, Discretized):
 
     @property
     def traits(self) -> FormTraits:
-        """The iterative solver, the dispersion of the splines, and degree 3 as advice on smooth closed surfaces."""
+        """The iterative solver, the dispersion, and degree 3 as advice on smooth surfaces without boundary samples."""
         sampled = self.sampled
         closed = not self.scene.boundaries and not len(sampled.boundary)
         smooth = closed and sampled.mesh.manifold_dim == 2 and sampled.geometry == "closest_point"
@@ -101,15 +101,15 @@ class Galerkin(EquationAssembly, Discretized):
     def with_scene(self, scene: Scene) -> Galerkin:
         """Return the form on the same space for a scene that differs in its equation and its data only.
 
-        Raises SceneError if the form cannot solve it, or if its velocity needs samples on rims that were not made; the
-        errors of its conditions are those of :func:`imposed_conditions`.
+        Raises SceneError if the form cannot solve it, or if its velocity or a condition on the edge needs samples on
+        rims that were not made; the errors of its conditions are those of :func:`imposed_conditions`.
         """
-        check(scene, self.options)
-        sampled = self.sampled
-        if scene.problem.terms().conservative and np.any(sampled.half.cut < 0) and not np.any(sampled.boundary.on_rim):
+        check_scene(scene, self.options)
+        sampled, reads_rims = self.sampled, scene.problem.terms().conservative or needs_rims(scene)
+        if reads_rims and np.any(sampled.half.cut < 0) and not np.any(sampled.boundary.on_rim):
             raise SceneError(
-                "what a conservative velocity carries out through the edge is read at samples there, which this scene "
-                "was prepared without; prepare it with this problem."
+                "what flows through the edge, by a condition or a conservative velocity, is read at samples there, "
+                "which this scene was prepared without; prepare it with this problem and these conditions."
             )
         conditions = imposed_conditions(scene, sampled.boundary, sampled.left, sampled.surface, sampled.lattice)
         return replace(self, scene=scene, conditions=conditions)
@@ -139,13 +139,13 @@ class Galerkin(EquationAssembly, Discretized):
         return None if matrix is None else CsrOperator(matrix, symmetric=True)
 
     def levels(self, operator: Operator) -> Sequence[Level]:
-        """Return multigrid levels of ``operator``: refined splines, then lattices of 2h, 4h, ... that resolve waves."""
+        """Return multigrid levels of ``operator``: refined splines, lattices of 2h, 4h, ... that resolve its waves."""
         inner, plain = operator.operator if isinstance(operator, Bordered) else operator, self.space.plain_levels
         usable = inner.usable_levels(plain, self.spacing) if isinstance(inner, GalerkinOperator) else plain
         return [*self.space.refined_levels, *usable]
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return the load (n, channels) of ``f`` at ``time``: integrals with each function, and upwinding."""
+        """Return the integrals (n, channels) of ``f`` at ``time`` times each function, upwinded for a velocity."""
         if isinstance(f, Functional):
             return f.loads(self, time)
         values = self.data_at_points(f, "the right-hand side f", time, self.scene.channels)
@@ -202,7 +202,7 @@ class Galerkin(EquationAssembly, Discretized):
         return self.space.values_at_samples(u, rows)
 
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
-        """Return the unknowns (n, channels) of the functions nearest to ``values`` (p, channels) in mean square.
+        """Return the unknowns (n, channels) of stabilised L2 projections of ``values`` (p, channels) at the samples.
 
         ``start`` (n, channels) are the unknowns of a first approximation; the projection of the rest is added to them.
         ``time`` is unused.
@@ -245,12 +245,12 @@ class Galerkin(EquationAssembly, Discretized):
     def evaluation_matrix(self, points: Any, side: Sides = None) -> SparseMatrix:
         """Return the matrix (k, n) that evaluates u on ``side`` at the manifold's points nearest to ``points`` (k, d).
 
-        Raises InputError if a point is farther away than three spacings.
+        Raises InputError if a point is not finite or over three spacings away, or a side is not one of the scene's.
         """
         return self.coefficients.evaluation_matrix(points, side)
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the L2 projected tangential gradient (k, channels, d) at ``points`` (k, d); unprojected at samples."""
+        """Return the tangential gradient (k, channels, d), L2 projected, at ``points``; if None at samples as it is."""
         if points is None:
             return self.space.gradients_at_samples(u)
         return self.coefficients.gradient(u, points, side)
@@ -258,11 +258,11 @@ class Galerkin(EquationAssembly, Discretized):
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
-        """Return du/db (k, channels), b out of ``side``, at ``points`` (k, d) of ``boundary``; None means the edge."""
+        """Return du/db (k, channels), b out of ``side``, at ``points`` (k, d) of ``boundary``, of the edge if None."""
         return self.coefficients.conormal_derivative(u, points, boundary, side, self.scene)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distances (k,) of ``points`` (k, d) from boundary ``name``: left positive, NaN past its ends."""
+        """Return distances (k,) of ``points`` from a boundary: left positive; NaN past its ends or without a left."""
         return self.coefficients.signed_distance(name, points)
 
     # Diagnosis
@@ -278,7 +278,7 @@ class Galerkin(EquationAssembly, Discretized):
 
     @cached_property
     def _warnings(self) -> tuple[str, ...]:
-        """The warnings of the source, the boundaries, the resolution of the lattice, and unresolved data."""
+        """The warnings on the source, boundaries, what the lattice does not resolve, unresolved layers and data."""
         mesh, lattice = self.sampled.mesh, self.sampled.lattice
         source, resolved = self.lattice_resolution.warnings
         at = [lattice.to_scene(self.sampled.boundary.points[condition.rows]) for condition in self.conditions]
@@ -313,7 +313,7 @@ class Galerkin(EquationAssembly, Discretized):
         )
 
     def estimate(self, u: Floats) -> ExpectedError | None:
-        """Return an estimate of the error of u (n, channels) by third differences; None if refined, or degree not 2."""
+        """Return an estimate of the error of u by :func:`single_solution_estimate`; None also for refined splines."""
         is_refined = self.space.dof_map is not self.space.base_dof_map
         return None if is_refined else single_solution_estimate(self.resolution, u)
 
@@ -338,7 +338,7 @@ class Galerkin(EquationAssembly, Discretized):
         )
 
     def describe(self) -> dict[str, Any]:
-        """Return the options, the origin of the lattice, and the description of the space, as plain values."""
+        """Return the options, origin of the lattice, number of ties, and description of the space, as plain values."""
         return {
             "form": self.options.form,
             "form_reason": self.options.reason,

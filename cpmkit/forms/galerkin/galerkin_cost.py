@@ -67,7 +67,7 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
         return integral_floor_of(self.scene.surface, self.options.spacing)
 
     def explain(self, solver: str, progress: Progress) -> Explanation:
-        """Return parts and counts of the scene at the spacing, for large scenes extrapolated from coarser ones.
+        """Return parts and counts of the scene before refinement, for large scenes extrapolated from coarser spacings.
 
         ``solver`` is a name or "auto"; ``progress`` receives the stage and the share of it that is done. Raises
         ResolutionError if a solve does not fit into memory, and the errors of :func:`discretize`.

@@ -101,7 +101,7 @@ class GalerkinOptions(DeclaredOptions):
         return "clipped" if self.samples == "auto" and self.tips == "singular" else self.samples
 
 
-def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
+def check_scene(scene: Scene, options: Options[GalerkinOptions]) -> None:
     """Raise SceneError, with the reason and advice, if the form with these options cannot discretise a scene."""
     problem, surface = scene.problem, scene.surface
     if problem.family not in FAMILIES:

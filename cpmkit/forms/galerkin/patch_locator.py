@@ -132,7 +132,7 @@ class PatchLocator:
         several = np.flatnonzero(((group != best) & (group >= 0)).any(axis=1))
         group, best = group[several], best[several]
         cells = self.samples.cell_at(samples[several])
-        lengths, margin = self.sheets.path_lengths(points[several], element[several], cells, group)
+        lengths, margin = self.sheets.total_path_lengths(points[several], element[several], cells, group)
         nearer = lengths.min(axis=1) < np.where(group == best, lengths, np.inf).min(axis=1) - margin
         shortest = np.take_along_axis(group, lengths.argmin(axis=1)[:, None], axis=1)
         chosen = np.where(nearer[:, None], shortest, best)
@@ -170,7 +170,7 @@ class PatchLocator:
     def _is_across(self, number: int, points: Floats, samples: Ints, near_boundary: Bools, side: Side | None) -> Bools:
         """Return (k, q) whether each of the ``samples`` (k, q) lies across boundary ``number`` from its point (k, d).
 
-        It is computed only if both sides of the boundary are among the samples, or the point is ``near_boundary`` (k,).
+        False unless both sides of the boundary are among the samples, or one if the point is ``near_boundary`` (k,).
         Points on the boundary count as on ``side``, by default left.
         """
         signs = self._sides_by_boundary[number][self.samples.cell_at(samples)]

@@ -80,7 +80,7 @@ class PointReader:
         return PatchLocator(sampled.lattice, *parts, sampled.mesh)
 
     def evaluation_matrix(self, points: Any, side: Sides = None) -> SparseMatrix:
-        """Return the matrix (k, n) that evaluates u on ``side`` at the :meth:`closest_points` of ``points`` (k, d)."""
+        """Return the matrix (k, n) that evaluates u at :meth:`closest_points` of ``points``, on :meth:`sides`."""
         feet, patch, cells = self._locate_points(points, side)
         return self.space.value_rows(patch, feet.points, cells)
 
@@ -93,7 +93,7 @@ class PointReader:
     def closest_points(self, points: Any) -> ClosestPoints:
         """Return the closest points on the manifold of ``points`` (k, d), given in the scene's coordinates.
 
-        The result is relative to the lattice's origin. Raises InputError if one is farther away than three spacings.
+        It is relative to the lattice's origin. Raises InputError if a point is not finite or over three spacings away.
         """
         at = as_points(points, self.sampled.lattice.dim)
         feet = self.sampled.surface.closest_point(self.sampled.lattice.to_local(at))
@@ -106,13 +106,13 @@ class PointReader:
         return feet
 
     def sides(self, side: Sides) -> dict[int, Side]:
-        """Return the side from which each boundary's points are read, by its number; see :func:`named_sides`."""
+        """Return the side from which points of boundaries are read, by number; raises as :func:`named_sides`."""
         has_left = [oriented.has_left for oriented in self.sampled.oriented]
         by_name = named_sides(self.boundaries, side, has_left)
         return {boundary_number(self.boundaries, name): chosen for name, chosen in by_name.items()}
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distances (k,) of ``points`` (k, d) from boundary ``name``: left positive, NaN past its ends."""
+        """Return distances (k,) of ``points`` from a boundary: left positive; NaN past its ends or without a left."""
         return self.locator.signed_distance(boundary_number(self.boundaries, name), self.closest_points(points).points)
 
     # Gradients

@@ -84,7 +84,7 @@ class LatticeResolution:
 
     @cached_property
     def single_unknown_share(self) -> float:
-        """The share of patches on pieces of the manifold that have one unknown each."""
+        """The share of patches on pieces of the manifold that have one unknown each; 0 if there is one piece."""
         count, piece = connected_pieces(self.space.base_dof_map)
         size = np.bincount(piece, minlength=count)
         return float(np.mean(size[piece[self.space.base_dof_map.unknowns[:, 0]]] == 1)) if count > 1 else 0.0
@@ -167,7 +167,7 @@ class Resolution:
         )
 
     def end_or_layer_reason(self) -> str:
-        """Return in words that a boundary ends inside the surface or a layer is not resolved; else an empty string."""
+        """Return in words that a boundary ends inside without singular functions, or a layer is unresolved; else ""."""
         if bool(self.coefficients.sampled.mesh.beyond_tip.any()) and not self.coefficients.sampled.singular:
             return "boundaries end inside the surface; the error may fall slowly"
         if self.layer_spacings < LAYER_SPACINGS:

@@ -230,7 +230,7 @@ def _with_ties(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tuple[
 def _repaired_cells(
     surface: LocalSource, spacing: float, sampling: str
 ) -> tuple[LocalSource, Mesh, CellGeometry, tuple[str, ...]]:
-    """Return the manifold, a repaired mesh of it, the geometry of its cells, and warnings.
+    """Return the manifold, its own mesh repaired or else a contoured one, the geometry of the cells, and warnings.
 
     ``sampling`` is the option of :class:`GalerkinOptions`, by which the longest edges are chosen. A manifold that is
     known by closest points alone is returned with the measured noise of its closest points.
@@ -252,7 +252,7 @@ def _repaired_cells(
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[Boundary], spacing: float) -> None:
-    """Raise SceneError if a boundary is not in the mesh, over 3 spacings away, or on one with other conditions."""
+    """Raise SceneError if a boundary is not in the mesh, over 3 spacings off it, or on one with other conditions."""
     for number, gap in insertion.max_distances.items():
         if gap > AWAY_SPACINGS * spacing:
             raise SceneError(

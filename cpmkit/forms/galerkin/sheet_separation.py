@@ -34,7 +34,7 @@ class SheetSeparation:
     given_cells: Ints
     spacing: float  #: Spacing h of the lattice.
 
-    def path_lengths(self, points: Floats, element: Ints, cells: Ints, group: Ints) -> tuple[Floats, float]:
+    def total_path_lengths(self, points: Floats, element: Ints, cells: Ints, group: Ints) -> tuple[Floats, float]:
         """Return path lengths (k, q), least on a point's own sheet, and the least difference that is significant.
 
         They are the total lengths of the paths from one of the ``points`` (k, d) over the ``group`` (k, q) of each of

@@ -33,7 +33,7 @@ COPIES_SHARE = 0.5
 
 
 def crossing_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
-    """Yield a warning if boundaries on a surface differ at their first common vertex: no spacing resolves the jump.
+    """Yield a warning if boundaries on a surface give different values at their first common vertex: u jumps there.
 
     On a sphere at h = 0.2 and 0.1, two great circles with the values 1 and 2 left errors of 0.3 within half a spacing
     of the crossing, 0.05 from one to two spacings away, 0.006 at four and 0.001 at eight. The ``mesh`` is relative to
@@ -47,7 +47,7 @@ def crossing_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[st
         if not len(shared):
             continue
         where = lattice.to_scene(mesh.vertices[shared])
-        first, second = (_values(scene, k, where) for k in pair)
+        first, second = (_given_values(scene, k, where) for k in pair)
         jump = max((_largest_magnitude(a - b) for a, b in product(first, second)), default=0.0)
         if jump > DIFFERENT_SHARE * max(_largest_datum(scene, mesh, lattice, k) for k in pair):
             jumps.append((pair, where[0], jump))
@@ -75,7 +75,7 @@ def tip_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
         if not len(tips) or not all(isinstance(law, Value) for law in laws):
             continue
         where = lattice.to_scene(mesh.vertices[tips])
-        left, right = _values(scene, number, where)
+        left, right = _given_values(scene, number, where)
         apart = np.abs(left - right).max(axis=1)
         bad = np.flatnonzero(apart > DIFFERENT_SHARE * _largest_datum(scene, mesh, lattice, number))
         if len(bad):
@@ -104,11 +104,11 @@ def _vertices_of(mesh: Mesh, number: int) -> Ints:
 def _largest_datum(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
     """Return the largest magnitude, at the vertices of boundary ``number``, of the values given on it; else 0."""
     where = lattice.to_scene(mesh.vertices[_vertices_of(mesh, number)])
-    return max(map(_largest_magnitude, _values(scene, number, where)), default=0.0)
+    return max(map(_largest_magnitude, _given_values(scene, number, where)), default=0.0)
 
 
-def _values(scene: Scene, number: int, where: Floats) -> list[Floats]:
-    """Return the values (k, channels) given on each side of a boundary with a Dirichlet condition, at ``where`` (k, d).
+def _given_values(scene: Scene, number: int, where: Floats) -> list[Floats]:
+    """Return the values (k, channels) at ``where`` (k, d) that are given on a boundary, for each side that has some.
 
     In problems in time the values are those at the start.
     """
@@ -148,10 +148,10 @@ def outflow_layer_warnings(terms: ConditionTerms) -> Iterator[str]:
 def resolution_warnings(
     dof_map: DofMap, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, geometry: CellGeometry
 ) -> Iterator[str]:
-    """Yield warnings on isolated pieces of the manifold, and on many unknowns at equal nodes.
+    """Yield warnings on isolated pieces beside others, and for cells of closest points on many unknowns at equal nodes.
 
     ``pieces`` are the number of connected pieces and the piece (n,) of each unknown; ``boundaries`` (b,) the patches of
-    the samples on boundaries, where nodes have several unknowns by construction; ``geometry`` is that of the cells.
+    the samples there, at which nodes have several unknowns by construction. The latter for one ``geometry`` alone.
     """
     count, piece = pieces
     size = np.bincount(piece, minlength=count)

@@ -47,7 +47,7 @@ def left_of_boundaries(
     ``half`` are the n facets of the ``mesh`` on boundaries, ties and rims, once for each cell beside them; ``corners``
     (m, k) are the vertices of the cells after cutting along boundaries alone; ``samples`` lie on these half facets,
     with coordinates relative to the origin of the ``lattice``. The ``boundaries`` are numbered as in ``mesh.owner``.
-    The result is false on rims where no boundary lies, on ties, and at points of a surface.
+    The result is false at points of a surface, on boundaries without sides, and where no boundary lies.
     """
     n = len(half.cell)
     if not n or not len(samples):
@@ -138,7 +138,7 @@ def _renumber(labels: Ints) -> Ints:
 
 
 def _has_cell_beyond(half: HalfFacets) -> Bools:
-    """Return for each half facet (n,), a facet of one cell, whether it is on a boundary with another cell beyond it."""
+    """Return for each half facet (n,), a facet of one cell, whether the mesh is cut there with a cell beyond it."""
     on = half.cut >= 0
     count = np.bincount(half.cut[on], minlength=int(half.cut.max(initial=-1)) + 1)
     twice = np.zeros(len(half.cut), dtype=bool)
@@ -194,7 +194,7 @@ class OneSidedLimits:
     def value(self, data: Data, label: str) -> Floats:
         """Return the limits (b,) of positive ``data``, a number or function; errors name them by ``label``.
 
-        Functions are extrapolated from inside the side of each sample. Raises InputError if a value is not positive.
+        Functions are evaluated as in :meth:`_extrapolate_limits`. Raises InputError if a value is not positive.
         """
         return self._extrapolate_limits(data, label)[0] if callable(data) else self._positive_values(data, 0.0, label)
 
@@ -203,9 +203,9 @@ class OneSidedLimits:
 
         With s = b . A b and the direction A b / s, whose component along b is 1, the flux is s times the derivative
         along that direction: all conditions hold unchanged with s as diffusivity and this derivative as du/db. The mean
-        of A over tangents is extrapolated as in :meth:`value`. The tensor divided by this mean is evaluated at the same
-        two points, and extrapolated to the boundary unless b . A b there is at most half its value at the nearer point,
-        which is then used. Raises InputError if the mean is not positive.
+        of A over tangents is that of :meth:`value`. The tensor divided by this mean is evaluated at two points inside,
+        and extrapolated to the boundary unless b . A b there is at most half its value at the nearer point, which is
+        then used. Raises InputError if the mean is not positive.
 
         ``tensors``: A as a function of points (b, d) in the scene's coordinates that returns (b, d, d).
         Returned ``a`` (b,): s; at points of a surface, which have no conormal, the mean of A over tangents.

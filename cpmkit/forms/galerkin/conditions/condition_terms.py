@@ -267,8 +267,8 @@ def condition_terms(
 ) -> ConditionTerms:
     """Return the terms that the conditions of a scene add to the matrix and the load.
 
-    Raises InputError if the diffusivity is not positive everywhere. Raises SceneError if a condition gives a
-    conductivity that differs from the problem's diffusivity, or gives a conductivity where that is a tensor.
+    Raises InputError if the diffusivity or a conductivity is not positive everywhere. Raises SceneError if a condition
+    gives a conductivity that differs from the problem's diffusivity, or where that is a tensor.
 
     ``conditions``, ``samples``, ``lattice``: the attributes of :class:`ConditionTerms`.
     ``left`` (b,): whether each sample is on the left of its boundary.

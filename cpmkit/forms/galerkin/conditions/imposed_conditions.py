@@ -98,8 +98,8 @@ def imposed_conditions(
     """Return the conditions of a scene, each with the samples at which it is imposed.
 
     Raises SceneError if a law couples two sides where there are not two, if a condition other than a value is given at
-    a point of a surface, or if a condition is given for an edge or a loop that the manifold does not have. Raises
-    InputError if beta of a Robin condition is zero at all of its points.
+    a point of a surface, if a condition is given for an edge, a loop or a part that the manifold does not have, or if a
+    loop or a part has none. Raises InputError if beta of a Robin condition is zero at all points, or a loop no number.
 
     ``scene``: the scene; ``samples.owner`` are the numbers of its boundaries.
     ``samples``: the samples on boundaries, and on rims if :func:`needs_rims`.
@@ -178,7 +178,7 @@ def _paired_samples(
 
 
 def _covers_rims(samples: BoundarySamples) -> bool:
-    """Return whether a boundary lies on a rim: its facets have one cell beside them."""
+    """Return whether a facet where the mesh is cut lies on a rim, with one cell beside it."""
     pairs = np.unique(np.stack([samples.facet, samples.half], axis=1)[samples.facet >= 0], axis=0)
     return bool(np.any(np.bincount(pairs[:, 0]) == 1))
 
@@ -188,7 +188,7 @@ def _rim_conditions(
 ) -> Iterator[ImposedCondition]:
     """Yield the conditions on the edge of the manifold with their samples, if :func:`needs_rims`.
 
-    Raises SceneError if the manifold has no edge, or no loop with the number of a condition.
+    Raises SceneError and InputError for the edge as :func:`imposed_conditions`.
     """
     if not needs_rims(scene):
         return

@@ -156,11 +156,11 @@ def side_factors(*factors: Floats) -> Floats:
 
 
 def linear_form_rows(factors: Floats, rows: Ints, traces: csr_array) -> csr_array:
-    """Return the matrix (k, n) that evaluates linear forms at k samples.
+    """Return the matrix (k, n) that evaluates k linear forms of u and du/db, each at one sample on each of s sides.
 
     ``factors`` (k, s, 2): factors of u and of du/db on each side.
     ``rows`` (k, s): the sample on each side.
-    ``traces`` csr_array (2 b, n): evaluates u at all b samples, then du/db.
+    ``traces`` csr_array (2 q, n): evaluates u at all q samples, then du/db there.
     """
     from scipy.sparse import csr_array
 

@@ -68,7 +68,7 @@ class EnrichedSpace(FunctionSpace):
         return np.asarray(self.spline_gradients_at_samples(u) + np.stack(singular, axis=-1))
 
     @cached_property
-    def _sample_values(self) -> list[tuple[Ints, Floats, Floats]]:
+    def _psi_in_discs(self) -> list[tuple[Ints, Floats, Floats]]:
         """For each psi: the samples (k,) in its disc, its values (k,) and its tangential gradients (k, d) there."""
         samples, count = self.splines.samples, self.interior
         points, normals, cells = samples.points[:count], samples.normals[:count], samples.cell[:count]
@@ -83,13 +83,13 @@ class EnrichedSpace(FunctionSpace):
     @property
     def _singular_at_samples(self) -> SparseMatrix:
         """(p, m) the values of the psi at the samples of the manifold."""
-        return self._columns([(rows, psi) for rows, psi, _ in self._sample_values], self.interior)
+        return self._columns([(rows, psi) for rows, psi, _ in self._psi_in_discs], self.interior)
 
     @property
     def _singular_gradients_at_samples(self) -> list[SparseMatrix]:
         """The d matrices (p, m) with the tangential gradients of the psi at the samples of the manifold."""
         return [
-            self._columns([(rows, gradients[:, axis]) for rows, _, gradients in self._sample_values], self.interior)
+            self._columns([(rows, gradients[:, axis]) for rows, _, gradients in self._psi_in_discs], self.interior)
             for axis in range(self.dof_map.dim)
         ]
 
@@ -126,7 +126,7 @@ class EnrichedSpace(FunctionSpace):
         mixed, singular = np.zeros((self.spline_count, m)), np.zeros((m, m))
         dof_map, samples = self.dof_map, self.splines.samples
         of_gradients, of_values = (None if factor is None else samples.weights * factor for factor in (a, c))
-        for k, (rows, psi, gradients) in enumerate(self._sample_values):
+        for k, (rows, psi, gradients) in enumerate(self._psi_in_discs):
             at = dof_map, dof_map.patch[rows], samples.points[rows]
             if of_gradients is not None:
                 mixed[:, k] += derivative_rows(*at, gradients).T @ of_gradients[rows]

@@ -139,8 +139,8 @@ LARGEST_REMAINING_SHARE = 0.9
 def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
     """Return the coarser levels of a multigrid hierarchy with their prolongations, the finest first.
 
-    ``dof_map`` is that of the finest level, ``boundary_patches`` (k,) are the patches with samples on boundaries. On
-    each level the unknowns that these, or the coarser patches that contain them, read form the strip of the smoother.
+    ``dof_map`` is that of the finest level, ``boundary_patches`` (k,) are the patches with samples on boundaries. The
+    unknowns read by these and small tied pieces, or by coarser patches that contain them, are the smoother's strip.
     """
     level = replace(dof_map, patch=np.union1d(boundary_patches, _patches_of_small_tied_pieces(dof_map)))
     levels: list[Level] = []
