@@ -63,8 +63,7 @@ class AdaptiveRun:
     """The state of the search for a target: the scene, the options chosen, and the solves so far."""
 
     scene: Scene  #: The scene; its steps in time may be shorter than those of the user.
-    #: ``solve_scene(scene, spacing, progress=..., **options)`` returns a solution.
-    solve_scene: Callable[..., SolutionRecord]
+    solve_scene: Callable[..., SolutionRecord]  #: ``solve_scene(scene, spacing, progress=..., **options)``.
     target: AccuracyTarget  #: Tolerance, seconds, memory.
     #: Called with the purpose, spacing and stage of each solve, and the share of it that is done.
     progress: Progress = no_progress
@@ -72,10 +71,8 @@ class AdaptiveRun:
     options: Mapping[str, Any] = field(default_factory=dict)
     is_recipe: bool = False  #: Whether ``solve_scene`` calls a recipe of the user, whose degree cannot be chosen.
     order: float | None = None  #: The order at which errors fall, if it is not that of the form.
-    #: ``time.perf_counter()`` at the start of the run.
-    started: float = field(default_factory=lambda: time.perf_counter())
-    #: The solves so far, in order; the last has the finest lattice.
-    solves: list[TimedSolve] = field(default_factory=list)
+    started: float = field(default_factory=lambda: time.perf_counter())  #: ``perf_counter()`` at the start.
+    solves: list[TimedSolve] = field(default_factory=list)  #: The solves so far; the last has the finest lattice.
     in_time: float = 0.0  #: The error of the steps in time, as a share of the range; zero before it is computed.
     chosen_options: dict[str, Any] = field(default_factory=dict)  #: Options that the run chose.
     failure: Exception | None = None  #: The error that ended the run before its target was met.
@@ -94,10 +91,7 @@ class AdaptiveRun:
         return self.solves[-1]
 
     def with_scene_modes(self, solution: SolutionRecord) -> SolutionRecord:
-        """Return an eigenvalue solution with as many modes as the scene asks for, others and a recipe's unchanged.
-
-        Coarse solutions of eigenvalue problems have further modes.
-        """
+        """Return an eigenvalue solution without the further modes of a coarse one; others and a recipe's unchanged."""
         if not solution.has_modes or self.is_recipe:
             return solution
         return keep_requested_modes(cast("EigenRecord", solution), self.scene)
@@ -111,7 +105,8 @@ class AdaptiveRun:
         """Solve at a spacing, append the solve to ``solves``, and return it. Raises CpmkitError as a solve does.
 
         ``expected_seconds`` is only reported to the progress callback; None if unknown. For the purposes ``pilot`` and
-        ``companion`` an eigenvalue problem has further modes.
+        ``companion`` an eigenvalue problem has six further modes. The lattice has the ``origin`` of the user only if an
+        earlier solve has a larger spacing; other lattices are shifted.
         """
         scene = self.scene if purpose in ("answer", "correction") else with_further_modes(self.scene)
         about = "" if expected_seconds is None else f", about {expected_seconds:.2g} s"
@@ -131,9 +126,11 @@ class AdaptiveRun:
         return self.last
 
     def _make_timed_solve(self, purpose: Purpose, solution: SolutionRecord, seconds: float) -> TimedSolve:
-        """Return the record of a solve of ``seconds``, with its error from a coarser solution and from it alone.
+        """Return the record of a solve of ``seconds``, with its errors from a coarser solution and from it alone.
 
-        An estimate is None, its error NaN, if no coarser solution serves for a comparison, or the form has none.
+        ``estimate`` is None and ``error`` NaN if no coarser solution serves for a comparison or the form says that
+        differences do not measure errors; ``expected_error`` is NaN for eigenvalues, a run with an ``order``, and forms
+        without an estimate from the solution alone.
         """
         alone = None if self.order is not None else estimate_alone(solution)
         coarse, fine = self._coarse_solution(solution), self.with_scene_modes(solution)
@@ -151,7 +148,8 @@ class AdaptiveRun:
     def solve_first(self, spacing: float) -> TimedSolve:
         """Solve at a spacing, or at the first of nine smaller ones at which the scene can be solved; return the solve.
 
-        Raises SceneError or ResolutionError if there is none, with the reason for which the first spacing was refused.
+        Raises SceneError or ResolutionError if there is none, with the reason for which the first spacing was refused;
+        other errors of a solve end the search at once.
         """
         refusal: ResolutionError | SceneError | None = None
         trials = [spacing / math.sqrt(2) ** k for k in range(10)]
@@ -171,11 +169,11 @@ class AdaptiveRun:
     def shorten_steps(self) -> bool:
         """Shorten the scene's steps in time to an error of at most 0.3 of the tolerance; return whether they changed.
 
-        The error is computed from the last, coarse solution, as it hardly depends on the spacing, and stored in
-        ``in_time``.
+        The error is computed by a further solve, on the lattice of the last, coarse solution, as it hardly depends on
+        the spacing; ``in_time`` becomes that of the steps then in use. Without a tolerance, and in a recipe, they stay.
         """
         problem: Any = self.scene.problem
-        if problem.family != "time":
+        if problem.family != "time" or self.is_recipe:
             return False
         first = self.last.solution
         same = {"origin": first.discretization()["origin"]}  # on another lattice errors in space would count
@@ -189,27 +187,29 @@ class AdaptiveRun:
         return True
 
     def source_error(self) -> float:
-        """Return the error due to the source of the manifold, as a share of the range.
+        """Return the error due to the source of the manifold, as a share of the range; 0 for eigenvalues.
 
-        For a mesh read as smooth it is computed by a solve on the flat triangles, if it may exceed the tolerance.
+        For a mesh read as smooth it is computed by a solve on the flat triangles if it may exceed the tolerance, but
+        not for a recipe, nor once a solve has failed: then it is the form's own estimate.
         """
         solution = self.last.solution
         if self.measured_floor is None:
-            if self.target.tolerance is None or self.order is not None or self.failure is not None:
-                return solution.discretized.source_error()  # a recipe has no solution on flat triangles
+            if self.target.tolerance is None or self.is_recipe or self.failure is not None:
+                # a recipe solves its own scene, never that on flat triangles
+                return 0.0 if solution.has_modes else solution.discretized.source_error()
             origin = solution.discretization()["origin"]
             solve = partial(self.solve_scene, spacing=solution.spacing, origin=origin, **self.chosen_options)
             self.measured_floor = measured_source_error(solution, solve, self.target.tolerance)
         return self.measured_floor
 
     def has_same_options(self, solution: SolutionRecord, other: SolutionRecord | None = None) -> bool:
-        """Return whether a solution has a lattice, and the form's options of ``other``, None for the last solution."""
+        """Return whether two solutions have a lattice and equal options of their form; ``other`` None: the last one."""
         pair = (solution, other or self.last.solution)
         first, second = (lattice_options(each.discretized) for each in pair)
         return first is not None and second is not None and first.own == second.own
 
     def _coarse_solution(self, solution: SolutionRecord) -> SolutionRecord | None:
-        """Return the solution at 1.3 to 2.75 times the spacing, nearest to 2.5, to compare with; None without any."""
+        """Return the earlier solution, with the same options, at about 2.5 (1.3 to 2.75) times the spacing, or None."""
         ratios = {
             solve.spacing / solution.spacing: solve.solution
             for solve in self.solves

@@ -95,7 +95,7 @@ def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> 
 
 
 def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) -> CsrOperator:
-    """Return the operator of all k channels, unknown by unknown, from A of one and C, ``coupling`` (p, k, k)."""
+    """Return ``A x I + sum_ij M_ij x e_i e_j'``, the operator of all k channels; ``coupling`` is C (p, k, k)."""
     from scipy.sparse import bsr_array
 
     channels = coupling.shape[1]
@@ -121,7 +121,7 @@ def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) 
 
 
 def _levels_for_channels(form: Discretized, stiffness: Operator, channels: int) -> Sequence[Level]:
-    """Return the levels of ``stiffness``, the operator of one channel, for all ``channels``, unknown by unknown."""
+    """Return the multigrid levels of ``stiffness``, the operator of one channel, repeated for all ``channels``."""
     from scipy.sparse import eye_array, kron
 
     levels = []
@@ -146,7 +146,7 @@ class BiharmonicRecord(SolutionRecord):
         return np.asarray(replace(self, values=self.second).evaluate(points, side))
 
     def arrays(self) -> dict[str, Any]:
-        """Return the lattice, the nodes, the values and the Laplacian as plain arrays, by name."""
+        """Return the arrays of :meth:`SolutionRecord.arrays`, and ``laplacian`` (unknowns, channels)."""
         return {**super().arrays(), "laplacian": self.second}
 
 
@@ -201,7 +201,7 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     """
     del c  # is zero
     form = context.discretized
-    system = context.cache.get(("pair", 0.0), lambda: context.prepare_system(with_border(form, stiffness)))
+    system = context.cache.get(("pair", 0.0), context.prepare_system, with_border(form, stiffness))
     bordered, imbalances = as_bordered(system.operator), tuple[Imbalance, ...]()
     v, first = system.solve(q, context.tolerance, progress=context.progress)
     if bordered is not None:
@@ -227,7 +227,7 @@ def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v:
 
 
 def _combined_report(first: SolveReport, second: SolveReport) -> SolveReport:
-    """Return the report of the solves ``first`` and ``second``: counts added, all else from that with more residual."""
+    """Return a report of two solves: the sums of their counts, all else from that with the larger residual."""
     worse = max(first, second, key=lambda report: report.residual)
     return replace(
         worse,

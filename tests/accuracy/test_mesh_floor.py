@@ -77,3 +77,12 @@ def test_a_mesh_can_be_read_as_its_triangles():
     np.testing.assert_array_equal(
         smooth.read_as_facets().closest_point(x).points, scene(sphere(1), "faceted").surface.closest_point(x).points
     )
+
+
+def test_a_recipe_whose_solution_on_triangles_is_not_known_has_the_estimate_by_areas():
+    """Its solutions on the flat triangles would be those on the smooth mesh, and their difference zero."""
+    of = scene(sphere(1))
+    with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone leaves"):
+        solution = ck.solve_by(lambda spacing, origin: ck.solve(of, spacing, origin=origin), of, tolerance=1e-3)
+    assert solution.solve_history.status == "floor"
+    assert solution.error.floor[0] == solution.discretized.source_error() > 1e-3

@@ -101,7 +101,7 @@ class Modes:
 
 
 def _select_modes(problem: Eigen, iteration: InverseIteration, pairs: EigenPairs) -> Modes:
-    """Return the ``count`` modes nearest to the number ``near`` of the problem, else to the shift, in ascending order.
+    """Return the ``problem.count`` modes nearest to ``problem.near``, or if that is None to the shift, ascending.
 
     A pair of complex eigenvalues gives two modes, the real and the imaginary part of an eigenvector.
     """
@@ -164,7 +164,8 @@ def _mean_squares(iteration: InverseIteration, vectors: Any) -> Floats:
 def _checked_report(iteration: InverseIteration, modes: Modes) -> SolveReport:
     """Return the report of the solve, whose residual is the largest of the modes.
 
-    Raises ConvergenceError if it is above the tolerance, and, without a preconditioner, above what rounding leaves.
+    Raises ConvergenceError if it is above the tolerance; without a preconditioner only if also above what rounding may
+    leave, or above :data:`MAX_ROUNDING_SHARE`.
     """
     context, residual = iteration.context, float(modes.residuals.max())
     reason = (
@@ -194,14 +195,15 @@ def _rounding_change(iteration: InverseIteration, modes: Modes) -> float:
 
 
 def _complex_pair_warnings(modes: Modes, shift: float) -> list[str]:
-    """Return a warning in a list if eigenvalues are complex, by shares of their distance from ``shift``; else []."""
+    """Return a list with a warning, by the largest ``|imag / (value - shift)|``, if eigenvalues are complex, or []."""
     pairs = np.flatnonzero(modes.values.imag)
     if not len(pairs):
         return []
     worst = float(np.max(np.abs(modes.values[pairs].imag / (modes.values[pairs] - shift))))
     return [
-        f"{len(pairs)} of {len(modes.values)} eigenvalues are complex, by up to {worst:.1e} of themselves, where those "
-        "of the manifold are real: neighbours closer than the scheme's error; their real parts are given."
+        f"{len(pairs)} of {len(modes.values)} eigenvalues are complex, by up to {worst:.1e} of their distance from "
+        f"{shift:.3g}, where those of the manifold are real: neighbours closer than the scheme's error; their real "
+        "parts are given."
     ]
 
 
@@ -210,10 +212,10 @@ SPLIT_MULTIPLET = "ends inside a multiplet"
 
 
 def split_multiplet_warning(problem: Eigen, values: Floats, shift: float) -> list[str]:
-    """Return a warning in a list if an eigenvalue that is left out is within 1e-3 of a returned one; else [].
+    """Return a list with a warning if an eigenvalue that is left out is within 1e-3 of a returned one, or [].
 
-    ``values`` (k,) are more eigenvalues than ``problem`` requests, in any order; differences are relative to their
-    distance from ``shift``.
+    ``values`` (k,) are the computed eigenvalues, in any order; if they are no more than ``problem`` requests, there is
+    no warning. Differences are relative to the distance of the one left out from ``shift``.
     """
     about = shift if problem.near is None else problem.near
     ordered = values[np.argsort(np.abs(values - about), kind="stable")]
