@@ -115,7 +115,7 @@ class Solution(SolutionRecord):
     def _repr_html_(self) -> str:
         from cpmkit.view.showing import thumbnail
 
-        return html_table(f"Solution of {self.scene.problem.kind}", self._figures(), thumbnail(self))
+        return html_table(f"Solution of {self.scene.problem.kind}", self._notebook_rows(), thumbnail(self))
 
 
 @user_class_of(EigenRecord)

@@ -38,9 +38,9 @@ SolveAt = Callable[[Scene, float], SolutionRecord]
 def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
     """Return the error of a solution, estimated from differences to solutions of its scene at larger spacings.
 
-    If ``tight`` the solution is compared at both the root of two and two times the spacing, else only at two times;
-    ``solve_at`` solves. Raises ResolutionError if the scene cannot be solved at these spacings, nor at the root of two
-    times the spacing. Raises CpmkitError as ``solve`` does at the larger spacings.
+    If ``tight`` the solution is compared at both the root of two and two times the spacing, else only at two times; at
+    the root of two times alone where two times is too coarse. ``solve_at`` solves. Raises ResolutionError if the scene
+    cannot be solved at that spacing either. Raises CpmkitError as ``solve`` does at the larger spacings.
     """
     scene = with_further_modes(solution.scene)
     coarse_solutions = _coarser_solutions(scene, solution, solve_at, RATIOS[tight])
@@ -57,9 +57,9 @@ def _coarser_solutions(
 ) -> list[SolutionRecord]:
     """Return solutions at ``ratios`` times the spacing, or at the root of two times it if these are too coarse.
 
-    A lattice is too coarse if it does not resolve the bends of the manifold or waves that the solution's lattice
-    resolves. Raises ResolutionError if the last of these lattices is too coarse as well; the message names the spacing
-    that the user gave.
+    A lattice is too coarse if it is refused by a ResolutionError, or does not resolve bends of the manifold or waves
+    that the solution's lattice resolves. Raises ResolutionError, which names the spacing that the user gave, if root
+    two times is refused as well.
     """
     spacing, ratio = solution.spacing, min(RATIOS[True])
     try:
@@ -127,8 +127,8 @@ def measured_source_error(
 def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
     """Return the estimated error of a solution, from coarser solutions with the options of its discretisation.
 
-    With ``tight`` there are two coarser solutions. Raises InputError if the solution has no lattice, or its error
-    cannot be estimated; ResolutionError or CpmkitError as :func:`estimate_by_solving` does.
+    With ``tight`` there are two coarser solutions. Raises InputError if the solution was made with ``estimate=False``,
+    it has no lattice, or its form no estimate; ResolutionError or CpmkitError as :func:`estimate_by_solving` does.
     """
     form = solution.discretized
     options = lattice_options(form)
@@ -166,7 +166,7 @@ def with_estimate(solution: SolutionRecord, how: bool | str | None, options: Map
 
 
 def coarse_solver(options: Mapping[str, Any]) -> SolveAt:
-    """Return a function that solves a scene at a spacing with ``options`` of ``solve``, and hides its warnings."""
+    """Return a function that solves a scene at a spacing, on a shifted lattice, with ``options``, without warnings."""
     given = {name: value for name, value in options.items() if name not in ("spacing", "origin")}
 
     def solve_at(scene: Scene, spacing: float) -> SolutionRecord:
@@ -197,7 +197,7 @@ def shifted_origin(scene: Scene, spacing: float, number: int = 1) -> Floats:
 def estimate_error(
     scene: Scene, spacing: float, *, tight: bool = False, **options: Unpack[PreparingKeywords]
 ) -> ErrorEstimate:
-    """Solve a scene at ``spacing`` and at twice it, and estimate the error of the finer solution.
+    """Solve a scene at ``spacing`` and at 2 times it (root 2 times if that is too coarse); estimate the finer error.
 
     For one position of the lattice the estimate is within a factor of two or three of the true error; where the coarse
     lattice does not resolve the scene (thin parts, boundaries near each other) it is larger. Eigenvalues are matched by
@@ -222,7 +222,7 @@ def estimate_error(
     Raises
     ------
     CpmkitError
-        As ``solve`` does, at either spacing.
+        As ``solve`` does, at either spacing; InputError where differences of solutions do not measure their errors.
 
     Examples
     --------

@@ -74,9 +74,8 @@ def solve_to_target(
 ) -> SolutionRecord:
     """Solve at several spacings until the target is met or cannot be met, and return the solution.
 
-    It has its estimate, its history, and a warning where the tolerance was not reached. ``options`` are those of
-    ``solve``. Raises InputError if an option needs a spacing to be given. Raises CpmkitError as ``solve`` does, where
-    no spacing serves.
+    It is that of :func:`search_solution`. ``options`` are those of ``solve``. Raises InputError if an option or the
+    scene needs a spacing to be given. Raises CpmkitError as ``solve`` does, where no spacing serves.
     """
     _check_target_options(scene, options)
     given = {name: value for name, value in options.items() if name != "origin"}
@@ -119,12 +118,13 @@ def solve_by(
     Returns
     -------
     Solution
-        With its estimate, its history, and a warning where the tolerance was not reached.
+        With its estimate, its history, and a warning where the target was not reached: then the solution with the
+        smallest estimated error is returned.
 
     Raises
     ------
     InputError
-        If there is no target, or it is not accepted.
+        If there is no target, it is not accepted, or a further keyword is given.
     CpmkitError
         As the recipe does, where no spacing serves.
 
@@ -176,7 +176,12 @@ def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float 
 
 
 def search_solution(run: AdaptiveRun) -> SolutionRecord:
-    """Return the solution at the spacing at which the target of ``run`` is met or missed, with estimate and history."""
+    """Search for the spacing at which the target of ``run`` is met, and return a solution with estimate and history.
+
+    It is the last one if the target is met (or the source's own error reached), else that with the smallest estimated
+    error, which has a warning unless only limits of time and memory were given and kept. ``estimated`` is None if no
+    coarser solution could be compared. Raises CpmkitError as :func:`search_spacing` does.
+    """
     status, aim = search_spacing(run)
     best = run.last if status in ("reached", "floor") else run.best
     answer, estimate = run.with_scene_modes(best.solution), best.estimate
@@ -189,8 +194,8 @@ def search_solution(run: AdaptiveRun) -> SolutionRecord:
         predicted_bytes(run, best.unknowns),
         run.elapsed,
         tuple(SolveStep(*(getattr(solve, entry.name) for entry in fields(SolveStep))) for solve in run.solves),
-        _summary(run, best, status, aim),
-        _chosen_degree(run, best),
+        _result_sentence(run, best, status, aim),
+        _degree_sentence(run, best),
     )
     warnings = (history.summary,) if status in ("floor", "not reached") or run.failure is not None else ()
     return replace(answer, estimated=estimate, solve_history=history, warnings=(*answer.warnings, *warnings))
@@ -218,7 +223,7 @@ def _check_target_options(scene: Scene, options: Mapping[str, Any]) -> None:
         )
 
 
-def _summary(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> str:
+def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> str:
     """Return the result of the search in a sentence; ``best`` is the solve whose solution is returned.
 
     ``aim`` is the tolerance aimed at, or the error due to the source if that is larger; 0 without a tolerance.
@@ -231,7 +236,7 @@ def _summary(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> 
     if run.failure is not None:
         why = str(run.failure) or f"memory ran out ({type(run.failure).__name__})."
         return f"{target.target} not reached: {error}{slow}; a further solve was refused: {why}"
-    finest = f"the finest that {_limits(run)} allow"
+    finest = f"the finest that {_limits_in_words(run)} allow"
     if errors_stagnate(run):
         finest = "and smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much"
     if status == "within":
@@ -250,7 +255,7 @@ def _summary(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> 
     return f"tolerance {target.tolerance:g} not reached: {error}, {finest}{doubt}{slow}."
 
 
-def _chosen_degree(run: AdaptiveRun, best: TimedSolve) -> str:
+def _degree_sentence(run: AdaptiveRun, best: TimedSolve) -> str:
     """Return a sentence on the degree that was chosen; "" if none was, or the best solve has another degree."""
     if not run.chosen_options or not run.has_same_options(best.solution):  # the last solve has the chosen degree
         return ""
@@ -260,7 +265,7 @@ def _chosen_degree(run: AdaptiveRun, best: TimedSolve) -> str:
     )
 
 
-def _limits(run: AdaptiveRun) -> str:
+def _limits_in_words(run: AdaptiveRun) -> str:
     """Return the limits of time and memory in words."""
     target = run.target
     limits = [] if target.seconds is None else [f"{target.seconds:g} seconds"]

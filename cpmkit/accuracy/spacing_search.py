@@ -46,9 +46,9 @@ Status = Literal["reached", "floor", "within", "not reached"]
 def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
     """Solve at one spacing after another until the target is met or cannot be met.
 
-    Return how the search ended, and the tolerance that was aimed at (0 without one). Once there is a solution, a solve
-    that fails ends the search with the error in ``run.failure``, and the solutions so far are kept. Raises CpmkitError
-    as a solve does if there is no solution yet, or if a coarse solve exceeds the memory of the target.
+    Return how the search ended, and the larger of the tolerance and the source's error (0 without a tolerance). Once
+    there is a solution, a solve that fails ends the search with the error in ``run.failure``, and the solutions so far
+    are kept. Raises CpmkitError as a solve does if there is no solution yet, and as :func:`check_memory` does.
     """
     tolerance = run.target.tolerance
     run.solve_first(first_spacing(run.scene))
@@ -77,7 +77,7 @@ def _reachable_tolerance(run: AdaptiveRun) -> float:
 
 
 def _first_factor(run: AdaptiveRun) -> float:
-    """Return the ratio, 2.1 to 2.48, of the first to the second spacing, by the estimate of the first solution."""
+    """Return the ratio of the first spacing to the second: 2.1 to 2.48 by the first error, 2.2 if that is unknown."""
     tolerance, expected = run.target.tolerance, run.last.expected_error
     if math.isnan(expected):
         return UNTOLD_FACTOR
@@ -90,7 +90,8 @@ def _first_factor(run: AdaptiveRun) -> float:
 def _refine_spacing(run: AdaptiveRun) -> None:
     """Append solves at smaller spacings, up to three answers, until the tolerance or a limit is met or errors stay.
 
-    It may set a higher degree in ``run.chosen_options``. Raises CpmkitError or MemoryError as a solve does.
+    Where a higher degree pays it is set in ``run.chosen_options``, and the last two spacings are solved again first.
+    Raises CpmkitError or MemoryError as a solve does.
     """
     aim = _reachable_tolerance(run)
     if _takes_cubic_splines(run, aim):
@@ -121,9 +122,9 @@ def _refine_spacing(run: AdaptiveRun) -> None:
 def _takes_cubic_splines(run: AdaptiveRun, tolerance: float) -> bool:
     """Return whether to go on with splines of a higher degree, which reach small tolerances sooner.
 
-    Only where this was measured: the tolerance is below :data:`CUBIC_ERROR`, the equation is a Poisson or screened
-    Poisson equation, neither a degree, a memory nor a recipe is given, the form has a higher degree, the manifold is
-    known exactly, and the error falls at its expected order.
+    Only where this was measured: ``tolerance`` is above 0 and below :data:`CUBIC_ERROR`, the equation is a Poisson or
+    screened Poisson equation, neither a degree, a memory nor a recipe is given, the form has a higher degree, the
+    manifold is known exactly, and the error falls at its expected order.
     """
     form = run.last.solution.discretized
     return bool(
@@ -156,7 +157,7 @@ def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
     if not math.isnan(last.expected_error):
         return last.error <= accepted
     prior = _prior_order(run)
-    slower = (UNTOLD_FACTOR**prior - 1) / (UNTOLD_FACTOR ** min(observed_order(run), prior) - 1)
+    slower = (UNTOLD_FACTOR**prior - 1) / (UNTOLD_FACTOR ** min(assumed_order(run), prior) - 1)
     at_first, later = (0.8, 0.92) if last.solution.has_modes else (0.6, 0.75)  # estimates are larger
     return bool(last.error * slower <= accepted * (at_first if first else later))
 
@@ -165,7 +166,7 @@ def errors_stagnate(run: AdaptiveRun) -> bool:
     """Return True if smaller spacings no longer reduce the error.
 
     Either the error has risen and is of the size that the residuals of linear solves cause, which grow as the spacing
-    falls; or the last four errors do not fall.
+    falls; or of the last four errors the first is smallest. False if the last error is unknown, or the only known one.
     """
     known = _comparable_solves(run)[-4:]
     errors = [solve.error for solve in known]
@@ -178,7 +179,10 @@ def errors_stagnate(run: AdaptiveRun) -> bool:
 
 
 def _goal_spacing(run: AdaptiveRun, aim: float) -> float:
-    """Return the spacing at which the error is expected to be below the tolerance ``aim``; zero without a tolerance."""
+    """Return the spacing at which the error is expected to be below the tolerance ``aim``; zero if that is zero.
+
+    It is the last one if its error is accepted, else smaller by a factor of 1.38 or more.
+    """
     here = run.last.spacing
     if aim == 0:
         return 0.0
@@ -187,16 +191,17 @@ def _goal_spacing(run: AdaptiveRun, aim: float) -> float:
     known = _comparable_solves(run)
     if not known:  # no mode was matched, so no error is known
         return here / math.sqrt(2)
-    p, last = observed_order(run), known[-1]
+    p, last = assumed_order(run), known[-1]
     error = last.error * (here / last.spacing) ** p
     return float(here / max((error / (AIMED_SHARE * aim)) ** (1 / p), LEAST_FACTOR))
 
 
-def observed_order(run: AdaptiveRun) -> float:
+def assumed_order(run: AdaptiveRun) -> float:
     """Return the order at which the error is assumed to fall: the mean of the observed order and the form's.
 
     It is from 0.8 to 3, or 1.3 if the form's is below 1.3. It is observed between the last two solves with estimated
-    errors, without the error in time; if there are fewer, from the errors estimated from the last two solutions alone.
+    errors, without the error in time; if there are fewer, from the errors estimated from the last two solutions alone;
+    if these are unknown, or the spacings nearly equal, it is the form's.
     """
     observed = prior = _prior_order(run)
     pair = _comparable_solves(run)[-2:]
@@ -244,7 +249,7 @@ def predicted_bytes(run: AdaptiveRun, unknowns: float) -> float:
 
 
 def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
-    """Return the bytes that a solve with ``unknowns`` needs, and the bytes of all stored solutions with fewer."""
+    """Return the bytes that a solve with ``unknowns`` needs, and those of all solutions of the run with fewer."""
     options = lattice_options(run.last.solution.discretized)
     assert options is not None  # a target is for a form on a lattice
     model = cost_model(run.scene, options)
@@ -254,7 +259,7 @@ def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
 
 
 def check_memory(run: AdaptiveRun) -> None:
-    """Raise ResolutionError, with the memory needed, if the last, coarse solve needs more than the target allows."""
+    """Raise ResolutionError if the last solve, with the solutions before it, needs more memory than the target has."""
     needed, target = sum(_needed_bytes(run, run.last.unknowns)), run.target.memory
     if target is not None and needed > target:
         raise ResolutionError(

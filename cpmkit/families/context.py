@@ -138,8 +138,7 @@ class Checkpointing(DeclaredOptions):
 class OperatorCache:
     """Cache of operators and prepared solvers of a discretised scene; the most recently used are kept."""
 
-    #: Cached values by their keys, the least recently used first.
-    entries: dict[Hashable, Any] = field(default_factory=dict)
+    entries: dict[Hashable, Any] = field(default_factory=dict)  #: Cached values by key, the least recently used first.
     #: Whether the preconditioner of the first operator is used for further operators of the same size.
     shares_preconditioner: bool = False
     #: Prepared solvers whose preconditioners are used for further operators, by the size of the operators.
@@ -193,12 +192,12 @@ class PreparedSystem:
     def solve(
         self, b: Any, tolerance: float, guess: Any = None, progress: Progress = no_progress
     ) -> tuple[Any, SolveReport]:
-        """Return u (n, channels) with ``A u = b`` and the report, as :meth:`ConstantFunctions.solve` does."""
+        """Return u (n, channels) with ``operator u = b`` and the report, as :meth:`ConstantFunctions.solve` does."""
         return self.constants.solve(self.solver, b, tolerance, guess, progress)
 
 
 def with_border(form: Discretized, stiffness: Stiffness) -> Operator:
-    """Return ``stiffness``, with a border if on a piece of the manifold no condition or term determines a constant."""
+    """Return ``stiffness``, bordered if on a piece of the manifold no condition or term determines a constant."""
     free = form.free_constants(stiffness)
     return stiffness if free is None else Bordered(stiffness, free)
 
@@ -234,8 +233,8 @@ class SolveContext:
     def prepare(self, operator: Operator) -> PreparedSolver:
         """Return the prepared solver of systems with ``operator``, with the form's multigrid levels if it takes levels.
 
-        With ``cache.shares_preconditioner``, operators of equal size use the preconditioner of the first unsymmetric
-        one. Raises SceneError or ConvergenceError if the solver refuses the operator.
+        With ``cache.shares_preconditioner``, later operators of equal size use the preconditioner of the first
+        unsymmetric one that is solved by GMRES. Raises as the ``prepare`` of the linear solver does.
         """
         lender = self.cache.shared.get(operator.size)
         if lender is not None:
@@ -264,7 +263,7 @@ class SolveContext:
         return SolveReport(self.solver_name, converged, iterations, products, residual, self.tolerance, reason)
 
     def common_fields(self, operator: Operator, report: SolveReport, built: float) -> dict[str, Any]:
-        """Return discretized, report, work and seconds of a solution by name, which all families fill alike.
+        """Return discretized, report, work and seconds by name, the fields that all families fill alike in a solution.
 
         ``built`` is the value of time.perf_counter() after the assembly.
         """

@@ -41,8 +41,7 @@ class State:
     u: Floats  #: (n, 1): the unknowns.
     stiffness: Stiffness  #: The operator A(u).
     b: Floats  #: (n, 1): the right-hand side b(u).
-    #: (n, 1): b - A u, without the part for which there is no solution on pieces where a constant is free.
-    residual: Floats
+    residual: Floats  #: (n, 1): b - A u, without its part that no u reaches on pieces where a constant is free.
     border: Border | None  #: The pieces where no condition or term fixes a constant; None without any.
 
 
@@ -120,9 +119,9 @@ class Steps:
     def _solve(self, tangent: Stiffness, state: State, drift: Operator | None = None) -> tuple[Floats, SolveReport]:
         """Return the change (n, 1) of u in a step, and the report of the linear solve with ``tangent`` alone.
 
-        The system has the matrix ``tangent + drift``, and as right-hand side the residual of ``state``. The change has
-        mean zero where no condition fixes a constant. If GMRES does not converge, ``drift`` is left out. Raises
-        ConvergenceError if the solve with ``tangent`` fails.
+        The system has the matrix ``tangent + drift`` (None: 0), and as right-hand side the residual of ``state``. The
+        change has mean zero where no condition fixes a constant. If GMRES does not converge, ``drift`` is left out.
+        Raises ConvergenceError if the solve with ``tangent`` fails.
         """
         context, border = self.context, state.border
         operator: Operator = tangent if border is None else Bordered(tangent, border)
@@ -241,7 +240,7 @@ def _with_total_counts(
 
 
 def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = None) -> SolutionRecord:
-    """Return the solution of the scene with linear ``terms``; ``guess`` (n, 1) is the initial u, None for zero."""
+    """Return the steady solution of the scene with linear ``terms``; iterations start at ``guess`` (n, 1), None: 0."""
     scene = replace(context.scene, problem=_FrozenEquation(terms))
     form = context.discretized.with_scene(scene)
     return solve_steady(replace(context, discretized=form, guess=guess, cache=OperatorCache()))
@@ -260,7 +259,7 @@ def _solve_to_convergence(steps: Steps, problem: QuasilinearEquation, u: Floats,
         state, report = step(state)
         new = form.at_points(state.u)
         size = float(np.ptp(new) + 1e-5 * np.abs(new).max(initial=0.0)) or 1.0
-        record = StepRecord(float(np.abs(new - old).max(initial=0.0)) / size, _energy(steps, problem, state))
+        record = StepRecord(float(np.abs(new - old).max(initial=0.0)) / size, _minimised_energy(steps, problem, state))
         taken.append((record, report))
         if record.change <= share:
             return state.u
@@ -273,11 +272,11 @@ def _solve_to_convergence(steps: Steps, problem: QuasilinearEquation, u: Floats,
     )
 
 
-def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float | None:
-    """Return the energy that the solution minimises: the integral of its density, and terms quadratic and linear in u.
+def _minimised_energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float | None:
+    """Return the energy, at ``state``, that the solution minimises: the integral of its density and of terms in u.
 
-    In ``u . A u / 2`` half of ``a |grad u|^2`` is replaced by the density. None if no density is known, or the form has
-    no quadrature.
+    It is ``u . A u / 2 - u . b`` with the density in place of ``a |grad u|^2 / 2``. None if no density is known, or the
+    form has no quadrature.
     """
     form, u = steps.context.discretized, state.u
     slopes = form.gradient(u)[:, 0]

@@ -57,7 +57,7 @@ def assemble(form: Discretized) -> LinearSystem:
 
 
 def _prepare_system(context: SolveContext) -> tuple[Stiffness, PreparedSystem]:
-    """Return the operator A of a steady problem, and its prepared system, with a border where a constant is free."""
+    """Return the operator A of a steady problem, and its prepared system, bordered where a constant is free."""
     form = context.discretized
     stiffness = form.stiffness(form.scene.problem.terms())
     return stiffness, context.prepare_system(with_border(form, stiffness))
@@ -154,7 +154,7 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
     There is a warning if the eigenvalue's error may determine the solution u (n, channels), or ``solver``, that of the
     equation, does not converge. Inverse iteration from plane waves gives the eigenvalue, one more step from u the part
     of u in its modes. It is computed only for linear steady problems without a velocity whose c or conditions may make
-    the energy negative.
+    the energy negative; unless they are standing waves, only in forms with gradients.
     """
     form = context.discretized
     terms = context.scene.problem.terms()
@@ -197,8 +197,8 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
 def _resonance(form: Discretized, gap: float, square: float, part: Floats, u: Floats) -> Resonance:
     """Return the record of the eigenvalue nearest to zero, with its estimated error.
 
-    ``gap`` is its signed distance in k^2, ``square`` the k^2 of the equation or of the mode, and ``part`` (n, channels)
-    the part of u (n, channels) in its modes.
+    ``gap`` is that eigenvalue over the diffusivity, ``square`` the k^2 of the equation or of the mode, and ``part`` (n,
+    channels) the part of u (n, channels) in its modes.
     """
     bounds = np.asarray(form.scene.surface.bounds, dtype=np.float64)
     error = form.traits.dispersion.error(square, form.spacing, 0.5 * float((bounds[1] - bounds[0]).max()))

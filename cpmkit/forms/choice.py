@@ -69,7 +69,7 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
 def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     """Return the name of the form that discretises a scene with the options ``given``, and in words the reason for it.
 
-    Raises InputError if the option ``form`` names no form, or other options belong to another form or to two forms.
+    Raises InputError as :func:`form_named` does.
     """
     target = given.get("form", AUTO)
     named = form_named(target, given)
@@ -127,7 +127,6 @@ def own_options(given: Mapping[str, Any]) -> tuple[DeclaredOptions, tuple[str, .
 
 
 def _forms_with(name: str) -> list[str]:
-    """Return the names of the forms that have the option ``name``."""
     return [form for form, kind in FORMS.items() if name in declared_options(kind)]
 
 
@@ -163,8 +162,9 @@ def every_option() -> dict[str, Option]:
 def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solver: str = "auto") -> Iterator[None]:
     """Return a context that replaces errors of exhausted memory by a ResolutionError that advises a spacing that fits.
 
-    Its message has the memory needed and the limit. Arrays that the frames of the traceback refer to are released
-    first. ``options`` are None for a form without a lattice; ``solver`` is the linear solver's name, or "auto".
+    Its message has the memory limit and, where it can be estimated, the memory needed. Arrays that the frames of the
+    traceback refer to are released first. ``options`` are None for a form without a lattice, for which a coarser mesh
+    is advised; ``solver`` is the linear solver's name, or "auto".
     """
     limit = memory.memory_limit()
     try:
@@ -177,7 +177,7 @@ def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solv
 
 
 def _memory_sentence(scene: Scene, options: Options[Any] | None, solver: str, limit: memory.MemoryLimit) -> str:
-    """Return the message of an out-of-memory error: the memory needed, the ``limit``, and a spacing that fits."""
+    """Return the message of an out-of-memory error: the memory needed, if known, the ``limit``, and what fits."""
     if options is None:
         return f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less."
     spacing, needed, hint, fits = options.spacing, "", "", 0.0

@@ -153,7 +153,7 @@ class FormOperators(ABC):
         return free_pieces(stiffness, lambda: self.mass)
 
     def closed_component_means(self) -> SparseMatrix | None:
-        """Return the matrix (k, n) of means over the k pieces that no flux leaves; None if none is, or inexact."""
+        """Return the matrix (k, n) of means over the k pieces that no flux leaves; None, the default, if unknown."""
         return None
 
 
@@ -171,7 +171,7 @@ class FormValues(FormOperators):
         return None
 
     def some_points(self, count: int) -> tuple[Ints, Floats]:
-        """Return the numbers (k,) and positions (k, d) of ``count`` of the points, evenly spread; of all if fewer."""
+        """Return the numbers (k,) and positions (k, d) of ``count`` of the form's points, spread evenly, or of all."""
         rows = spread_rows(len(self.points), count)
         return rows, self.points[rows]
 
@@ -266,7 +266,7 @@ class FormValues(FormOperators):
         return None
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distances (k,) of ``points`` (k, d) from the boundary ``name``, positive on its left.
+        """Return the signed distances (k,) of ``points`` (k, d) from boundary ``name``, positive on its left.
 
         NaN where a point has no side. By default raises InputError.
         """
@@ -284,7 +284,7 @@ class Discretized(FormValues):
     """
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
-        """Return ``u`` (n, channels), ``operator u = b``, less its means on free pieces, and the imbalances there."""
+        """Return ``u`` (n, channels), ``operator u = b``, less its means on free pieces, and the imbalances of b."""
         return balanced_solution(operator, b, u, self) if isinstance(operator, Bordered) else (u, ())
 
     def warnings(self) -> tuple[str, ...]:

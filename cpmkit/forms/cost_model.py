@@ -219,7 +219,7 @@ class Growth:
         return self.a / spacing**self.m + self.b / spacing ** (self.m - 1)
 
     def spacing_with(self, number: float) -> float:
-        """Return the spacing at which the count is ``number``; a > 0 and b >= 0 are required."""
+        """Return the spacing at which the count is ``number``, huge if none is; requires a > 0, b >= 0 and m >= 1."""
         if self.m == 1:
             return self.a / max(number - self.b, 1e-9 * number)
         roots = np.roots([number, *[0] * (self.m - 2), -self.b, -self.a])
@@ -249,7 +249,7 @@ def fit_linear_cost(coarse: tuple[float, float], fine: tuple[float, float]) -> t
 
 
 def fitting_unknowns(limit: float, bytes_of: Callable[[float], float], start: float = 1.0) -> float:
-    """Return the number of unknowns, at least 1, for which ``bytes_of(unknowns)`` is ``limit``.
+    """Return the number of unknowns for which ``bytes_of(unknowns)`` is ``limit``, or 1 if that is less than one.
 
     Fixed-point iteration from ``start``; for bytes like unknowns^p, p from 2/3 to 4/3, a round divides the error by 3.
     """

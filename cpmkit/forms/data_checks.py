@@ -127,9 +127,9 @@ def free_pieces(
 ) -> Border | None:
     """Return indicators and means of the pieces where u + constant solves ``A u = b`` if u does; None without any.
 
-    Unknowns that A couples belong to the same piece; a constant is free on a piece if A times its indicator vanishes.
+    Unknowns that A, ``stiffness``, couples belong to the same piece; a constant is free on a piece if A times its
+    indicator vanishes.
 
-    ``stiffness``: the operator A.
     ``make_mass``: returns the mass matrix M, or None if it is the identity; called only if a constant is free.
     ``constant_unknowns``: the function 1 has the coefficient 1 at the first so many unknowns and zero at the others; by
         default 1 at all.
@@ -210,21 +210,21 @@ class DataAtPoints(NamedTuple):
 
 
 def data_warnings(form: Discretized, conditions: Iterable[DataAtPoints], spacing: float | None = None) -> list[str]:
-    """Return a list with a warning for each of a scene's data that varies within a spacing.
+    """Return a list with a warning for each of a scene's data, as far as functions of points, that varies in a spacing.
 
     ``form``: the form, at some of whose points the data of the equation are read.
     ``conditions``: the data of the conditions.
     ``spacing``: spacing of the finest lattice; by default that of the form.
     """
     width = form.spacing if spacing is None else spacing
-    return [text for data in _checked_data(form, conditions) for text in _warnings(form.scene, data, width)]
+    return [text for data in _checked_data(form, conditions) for text in _variation_warnings(form.scene, data, width)]
 
 
 def nugget(values: Floats, points: Floats, spacing: float) -> float:
     """Return sqrt(A) over the root mean square of ``values`` (k, channels) at ``points`` (k, d), A being the nugget.
 
     A is fitted to the differences between neighbours within 3/4 of a spacing. The largest ratio of all channels is
-    returned; zero where there are too few neighbours.
+    returned; zero if there are fewer than six pairs of neighbours.
     """
     from scipy.spatial import cKDTree
 
@@ -256,16 +256,16 @@ def _checked_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iter
 
 
 def _rows_in_runs(count: int) -> Any:
-    """Return the integers (k,) below ``count``; of more than 3,072, spread runs of consecutive ones, ascending."""
+    """Return the integers (k,) below ``count``, ascending; of more than 3,072 those of 24 spread runs of 128 each."""
     if count <= RUNS * RUN_LENGTH:
         return np.arange(count)
     starts = np.linspace(0, count - RUN_LENGTH, RUNS).astype(np.int64)
     return np.unique(starts[:, None] + np.arange(RUN_LENGTH))
 
 
-def _warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator[str]:
+def _variation_warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator[str]:
     """Yield one warning if data vary within ``spacing``, unless their values are rounding errors alone; else none."""
-    values = _values(scene, data)
+    values = _values_at_points(scene, data)
     share = 0.0 if values is None else nugget(values, data.points, spacing)
     if share > UNRESOLVED_NUGGET and not _is_rounding(scene, data, values, spacing):
         yield (
@@ -282,12 +282,15 @@ def _is_rounding(scene: Scene, data: DataAtPoints, values: Any, spacing: float) 
     They are if moving their points by a tiny share of ``spacing`` changes them by many times their size.
     """
     step = MOVED_SPACINGS * spacing * np.array(MOVED)[: data.points.shape[1]]
-    moved = _values(scene, data._replace(points=data.points + step))
+    moved = _values_at_points(scene, data._replace(points=data.points + step))
     return moved is not None and float(np.abs(moved - values).max()) > ROUNDING_CHANGE * float(np.abs(values).max())
 
 
-def _values(scene: Scene, data: DataAtPoints) -> Floats | None:
-    """Return the values (k, channels) of data at their points; None if they are no function of points alone."""
+def _values_at_points(scene: Scene, data: DataAtPoints) -> Floats | None:
+    """Return the values (k, channels) of data at their points; None unless they are a function of points alone.
+
+    Numbers, functions of u and integrals give None, as do a function that refuses these points, and no points.
+    """
     function, entries = data.data, data.data if isinstance(data.data, (list, tuple)) else (data.data,)
     fixed = isinstance(function, Functional) or getattr(function, "needs_state", False) or hasattr(function, "form")
     if fixed or not any(map(callable, entries)) or not len(data.points):

@@ -86,14 +86,14 @@ class Field:
         return self.form.project(self.columns) if self.unknowns is None else self.unknowns
 
     def map(self, function: Callable[..., Any]) -> Field:
-        """Return the field at the same points with the values ``function(points, values)``, (p,) or (p, channels)."""
+        """Return the field of values ``function(points, values)``, (p,) or (p, channels); InputError for others."""
         values = np.asarray(function(self.points, self.values), dtype=np.float64)
         return Field(self.form, values)
 
     def gradient(self) -> Field:
-        """Return the tangential gradient (p, d) of a field of one channel, one-sided at boundaries.
+        """Return the field of the tangential gradient (p, d) of a field of one channel, one-sided at boundaries.
 
-        Raises InputError if the field has several channels.
+        Raises InputError if the field has several channels, or the form evaluates no gradients.
         """
         if self.channels != 1:
             raise InputError(f"the gradient is that of one channel, got {self.channels}; take them one by one.")
@@ -112,7 +112,7 @@ class Field:
         return Divergence(self, scale)
 
     def project(self, onto: ClosestPointSource | None = None) -> Field:
-        """Return the field of the vectors' tangential parts; with ``onto``, of the values' closest points on it.
+        """Return the field of the values' tangential parts; with ``onto``, of their closest points on that source.
 
         Raises InputError if the field does not have one channel for each dimension of space, that of ``onto`` if given.
         """
@@ -134,14 +134,14 @@ class Field:
     resolved = DeprecatedMember("projected")
 
     def mean(self) -> float | Floats:
-        """Return the mean over the manifold, a number or (channels,), by the weights of the points if they have any."""
+        """Return the mean over the manifold, a number or (channels,); the plain mean if the points have no weights."""
         mean = np.average(self.values, axis=0, weights=self.form.point_weights)
         return float(mean) if mean.ndim == 0 else mean
 
     def energy(self) -> float:
         """Return the integral of |grad u|^2 / 2 over the manifold, summed over the channels.
 
-        Raises InputError if the points of the form have no quadrature weights, as in ``collocation``.
+        Raises InputError if the points of the form have no quadrature weights, as in ``collocation``, or no gradients.
         """
         weights = self.form.point_weights
         if weights is None:

@@ -106,8 +106,7 @@ class FormTraits:
     work_record: type = PlainWork  #: The class of the record that ``work`` returns.
     #: A degree that reaches small errors sooner on the scene's manifold, where that is known.
     higher_degree: int | None = None
-    #: Distributions whose versions the summary of a solution lists.
-    libraries: tuple[str, ...] = ("cpmkit", "numpy", "scipy")
+    libraries: tuple[str, ...] = ("cpmkit", "numpy", "scipy")  #: Distributions whose versions a summary lists.
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +116,7 @@ class ExpectedError:
     #: rms, largest (channels,): root mean square and largest error, in the solution's unit, mostly right to a factor 2.
     rms: Floats
     largest: Floats
-    #: Whether the solution has waves or peaks that the lattice hardly resolves; errors may then be larger.
-    unresolved: bool
+    unresolved: bool  #: Whether u has waves or peaks that the lattice hardly resolves; errors may then be larger.
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +127,7 @@ class Diagnosis:
     slow: str = ""  #: Why the error may fall slowly with the spacing; empty without a reason.
     #: Why differences of two solutions are no measure of the error, in a sentence; empty where they are one.
     no_estimate: str = ""
-    #: Whether parts of the manifold bend too sharply for the spacing, or come too near to other parts.
-    unresolved: bool = False
+    unresolved: bool = False  #: Whether parts of the manifold bend too sharply, or are too near to other parts.
     unresolved_share: float = 0.0  #: The share of the manifold in pieces so small that u has one value on each.
     #: (k, d): closest points of the further unknowns at nodes that several sheets of the manifold share.
     doubled: Floats | None = None

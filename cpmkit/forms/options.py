@@ -82,7 +82,7 @@ def _check_estimate(value: Any, label: str) -> Any:
 def read_memory(value: Any, label: str = "memory") -> float | None:
     """Return a memory in bytes, given as a number or as text such as ``"2 GiB"``; None is returned unchanged.
 
-    Raises InputError, naming the value ``label``, if the number is not positive or the text does not end with a unit.
+    Raises InputError, naming the value ``label``, if the number is not positive, or the text not a number and a unit.
     """
     if not isinstance(value, str):
         return _positive_or_none(value, label)

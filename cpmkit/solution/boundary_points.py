@@ -86,8 +86,7 @@ class BoundaryPoints:
     points: Floats  #: (k, d): points of the manifold, in the scene's coordinates.
     weights: Floats  #: (k,): length of curve that each point represents; 1 where the boundary is points.
     tangents: Floats  #: (k, d): unit vectors in the direction of the boundary; zero where it is points.
-    #: (k, d): unit tangents of the manifold normal to the boundary, to its left if it has sides; zero for points of a
-    #: surface.
+    #: (k, d): unit tangents of the manifold normal to the boundary, to its left; zero if it has no sides.
     conormals: Floats
     curve: Ints  #: (k,): number of the curve of each point, from 0.
     arc_length: Floats  #: (k,): arc length from the start of the curve; a closed curve starts anywhere.
@@ -104,8 +103,9 @@ class BoundaryPoints:
     def spaced(self, count: int, curve: int = 0) -> Floats:
         """Return ``count`` points (count, d) of a curve at equal arc lengths, with both ends of an open curve.
 
-        They are in the direction of the curve number ``curve``, from its start. Raises InputError if there is no such
-        curve, the boundary consists of points, or ``count`` is not a whole number from 1 to 10,000,000.
+        They are in the direction of the curve number ``curve``, from its start, which is the only point if ``count`` is
+        1. Raises InputError if there is no such curve, the boundary consists of points, or ``count`` is not a whole
+        number from 1 to 10,000,000.
         """
         count = whole(count, "count", 1, 10_000_000)
         if not 0 <= curve < len(self.closed) or not self.source.manifold_dim:
@@ -125,21 +125,21 @@ class BoundaryPoints:
 
 
 def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryPoints:
-    """Return quadrature points along a boundary of ``surface``, several per ``spacing``.
+    """Return quadrature points along a boundary of ``surface``, at most ``spacing`` apart, with their directions.
 
     Parameters
     ----------
     source : ClosestPointSource
-        Points, or curves of a surface.
+        The boundary: points, or curves of a surface.
     surface : ClosestPointSource
         The manifold, of one dimension more; points may also lie on a surface.
     spacing : float
-        Largest distance of neighbouring points, in the scene's unit.
+        Largest distance of neighbouring points of a curve, in the scene's unit.
 
     Raises
     ------
     InputError, SceneError
-        If the spacing is not positive, or the boundary does not lie in such a manifold.
+        If the spacing is not positive, or the boundary is neither points nor curves or does not lie in such a manifold.
 
     Examples
     --------
@@ -152,7 +152,7 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
     spacing = positive(spacing, "spacing")
     oriented = _orient_boundary(source, surface)
     points, weights = boundary_rule(source, surface, spacing)
-    tangents, conormals = _directions(oriented, points, DIFFERENCE_SPACINGS * spacing)
+    tangents, conormals = _tangents_and_conormals(oriented, points, DIFFERENCE_SPACINGS * spacing)
     if not source.manifold_dim:
         count = len(points)
         each = points, weights, tangents, conormals, np.arange(count), np.zeros(count)
@@ -178,10 +178,10 @@ def directions_along(
     """Return a function that maps points (k, d) of a boundary to its unit tangents (k, d) and left conormals (k, d).
 
     They are those of :class:`BoundaryPoints`; where the sources provide none, they are differences of closest points
-    with a step of a thousandth of the surface's size. Raises SceneError if the boundary does not lie in the surface.
+    with a step of a thousandth of the surface's size. Raises SceneError as :func:`boundary_points` does.
     """
     oriented, step = _orient_boundary(source, surface), STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
-    return lambda points: _directions(oriented, np.asarray(points, dtype=np.float64), step)
+    return lambda points: _tangents_and_conormals(oriented, np.asarray(points, dtype=np.float64), step)
 
 
 def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
@@ -207,11 +207,11 @@ def _orient_boundary(source: ClosestPointSource, surface: ClosestPointSource) ->
     return orient(boundary, surface)
 
 
-def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tuple[Floats, Floats]:
-    """Return unit tangents (k, d) and left conormals (k, d) at points (k, d), in the scene's coordinates; else zero.
+def _tangents_and_conormals(oriented: OrientedBoundary, points: Floats, step: float) -> tuple[Floats, Floats]:
+    """Return unit tangents (k, d) and left conormals (k, d) of a boundary at points (k, d) in the scene's coordinates.
 
-    Points have no tangent, and neither without sides. ``step`` is the step of the differences that replace directions
-    which the sources do not provide.
+    Tangents are zero if the boundary is points, both are zero if it has no sides. ``step`` is the step of the
+    differences that replace directions which the sources do not provide.
     """
     if not oriented.has_sides:
         return np.zeros_like(points), np.zeros_like(points)
@@ -221,7 +221,7 @@ def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tupl
 
 
 def _order_along_tangents(points: Floats, tangents: Floats, order: Ints) -> Ints:
-    """Return ``order`` (k,), indices of a chain of points (n, d), reversed if it runs against the tangents (n, d)."""
+    """Return ``order`` (k,), indices of a chain of ``points`` (n, d), reversed if most of it runs against tangents."""
     if len(order) < 2:
         return order
     ahead = np.einsum("kd,kd->", points[order[1:]] - points[order[:-1]], tangents[order[:-1]])

@@ -30,8 +30,7 @@ LONGEST_EDGE_SPACINGS = 2.0
 class DisplayMesh:
     """A mesh of the surface with the solution at its vertices."""
 
-    #: (v, d): vertices, in the scene's unit of length. A vertex on a boundary appears once for each side.
-    points: Floats
+    points: Floats  #: (v, d): vertices, in the scene's unit of length; on a boundary one for each side.
     cells: Ints  #: (m, k): triangles, segments of a curve, and points; rows with fewer corners than k end in -1.
     values: Floats  #: (v, channels): the solution at the vertices, each on the side that its cells lie on.
     #: (v, 3): unit normals of the uncut mesh, so that the cut does not show as a crease; those of points have an
@@ -59,13 +58,13 @@ class DisplayMesh:
 
 
 def display_mesh(solution: SolutionRecord) -> DisplayMesh:
-    """Return the surface's mesh, refined to edges of two spacings and cut along every boundary, with the solution.
+    """Return the surface's mesh, refined to edges of two spacings and cut along boundaries with sides, with u.
 
     Raises InputError if the surface has no mesh.
     """
     surface = solution.scene.surface
     points, cells = mesh_method(surface)(solution.spacing)
-    normals = _normals(surface, points, cells)
+    normals = _mesh_normals(surface, points, cells)
     attributes = points if normals is None else np.hstack([points, normals])
     dim, boundaries = points.shape[1], solution.scene.boundaries
     attributes, cells = refine_mixed_cells(attributes, cells, dim, LONGEST_EDGE_SPACINGS * solution.spacing)
@@ -84,10 +83,10 @@ def display_mesh(solution: SolutionRecord) -> DisplayMesh:
     )
 
 
-def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats | None:
-    """Return unit normals (v, 3) of the mesh ``points`` (v, d), ``cells`` (m, k): zero where there are only segments.
+def _mesh_normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats | None:
+    """Return unit normals (v, 3) at the vertices ``points`` (v, d) of ``cells`` (m, k): zero where only segments meet.
 
-    Those of points (cells with a single corner) have any sign. None in the plane, and if all cells are segments.
+    Those of cells with a single corner have any sign. None in the plane, and if all cells are segments.
     """
     triangles, dots = cells_with_corners(cells, 3), cells_with_corners(cells, 1)[:, 0]
     if points.shape[1] == 2 or not len(triangles) + len(dots):
@@ -103,8 +102,8 @@ def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats
 def plane_normals(points: Floats) -> Floats:
     """Return unit normals (p, 3), of arbitrary sign, of a point cloud ``points`` (p, 3), by which it is shaded.
 
-    Each is normal to the plane fitted to a point and its eight nearest neighbours, or to all points if there are fewer;
-    it is zero where these lie on a line, or there are fewer than three.
+    Each is normal to the plane fitted to a point and its eight nearest neighbours, or to all points if these are fewer
+    than nine; it is zero where the points of the fit lie on a line, or there are fewer than three.
     """
     from scipy.spatial import cKDTree
 
@@ -117,9 +116,10 @@ def plane_normals(points: Floats) -> Floats:
 
 
 def evaluate_on_sides(solution: SolutionRecord, points: Floats, sides: Ints) -> Floats:
-    """Return the solution (n, channels) at ``points`` (n, d), where a point on a boundary is read from a given side.
+    """Return the solution (n, channels) at ``points`` (n, d), on boundaries from the side that ``sides`` gives.
 
-    ``sides`` (n, boundaries) is 1 for the left and -1 for the right side of a boundary, and 0 off the boundary.
+    ``sides`` (n, boundaries) is 1 for the left and -1 for the right side of a boundary, on which the point is projected
+    first, and 0 off the boundary; without columns points are read from the left.
     """
     values = np.empty((len(points), solution.channels))
     boundaries = solution.scene.boundaries
@@ -167,10 +167,10 @@ def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
 
 
 def values_at_vertices(solution: SolutionRecord, evaluate: Callable[[Floats], Floats]) -> Floats:
-    """Return the values (n,) or (n, channels) of ``evaluate`` at the n vertices from which the user made the surface.
+    """Return the values (n, ...) of ``evaluate`` at the n vertices of which the user made the surface, in their order.
 
-    ``evaluate`` maps points (k, d) to (k,) or (k, channels). The values are in the order of the vertices, NaN at one
-    that is not finite or over half a spacing off the surface. Raises InputError if the surface was not made from any.
+    ``evaluate`` maps points (k, d) to values (k, ...). They are NaN at a vertex that is not finite, or over half a
+    spacing off the surface. Raises InputError if the surface was not made from vertices.
     """
     surface = solution.scene.surface
     vertices, _ = given_mesh_of(surface)

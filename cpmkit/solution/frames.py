@@ -34,8 +34,7 @@ class EvolvedRecord(SolutionRecord):
 
     time: float = field(kw_only=True)  #: Time of the solution.
     steps: int = field(kw_only=True)  #: Number of time steps up to that time.
-    #: (channels,): for a wave in a form with symmetric operators: kinetic and elastic energy, minus the work of the
-    #: load.
+    #: (channels,): for a wave, if operators are symmetric: kinetic and elastic energy, minus the work of the load.
     energy: Floats | None = field(default=None, kw_only=True)
     #: The solutions at the times in ``frames`` of the equation, in order; they share the discretised scene.
     frames: tuple[EvolvedRecord, ...] = field(default=(), kw_only=True)
@@ -58,7 +57,7 @@ class EvolvedRecord(SolutionRecord):
         return [replace(mesh, values=np.ascontiguousarray(part)) for part in parts]
 
     def summary(self) -> dict[str, Any]:
-        """Return the plain values of :meth:`SolutionRecord.summary`, with time, scheme, and integrals by frame."""
+        """Return the plain values of :meth:`SolutionRecord.summary`, and under "time" those of the run and frames."""
         problem: Any = self.scene.problem
         summary: dict[str, Any] = {"time": self.time, "steps": self.steps}
         if problem.family == "time":
@@ -78,10 +77,10 @@ class EvolvedRecord(SolutionRecord):
         frames = np.stack([frame.values for frame in self.frames]) if self.frames else np.zeros((0, *self.values.shape))
         return {**super().arrays(), "time": np.array(self.time), "frame_times": times, "frames": frames}
 
-    def _figures(self) -> list[tuple[str, str]]:
-        """Return the rows (name, text) that a notebook shows beside the picture, with the time."""
+    def _notebook_rows(self) -> list[tuple[str, str]]:
+        """Return the rows of :meth:`SolutionRecord._notebook_rows`, and one with the time."""
         frames = f", {len(self.frames)} frames" if self.frames else ""
-        return [*super()._figures(), ("time", f"{self.time:g} after {self.steps} steps{frames}")]
+        return [*super()._notebook_rows(), ("time", f"{self.time:g} after {self.steps} steps{frames}")]
 
     def __repr__(self) -> str:
         frames = f", {len(self.frames)} frames" if self.frames else ""

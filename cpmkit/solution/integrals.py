@@ -39,22 +39,19 @@ Integrand = float | Callable[[Floats, Floats], Any]
 
 
 def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | None) -> float | Floats:
-    """Return the integral, a float or (channels,), of the solution, or of ``function`` if it is not None.
-
-    ``dim`` and errors are as for :meth:`SolutionRecord.integrate`.
-    """
-    dimension, form = _dimension(solution.scene.surface, dim), solution.discretized
+    """Return the integral of a solution, or of ``function`` of it, as :meth:`SolutionRecord.integrate` does."""
+    dimension, form = _integrated_dimension(solution.scene.surface, dim), solution.discretized
     if form.point_weights is not None:  # the form's own quadrature, each point on its side
         read = form.at_points(solution.values)
         if function is not None:
-            read = _integrand(function, form.points.copy(), read)
+            read = _evaluate_integrand(function, form.points.copy(), read)
         return _float_if_single(form.point_weights @ read)
     curved, values = _cells_to_integrate(solution, dimension)
     points, _, weights, shares = quadratic_rule(curved)
     read = np.einsum("qk,mkc->mqc", shares, values).reshape(-1, values.shape[2])
     if function is not None:
         on_surface = solution.scene.surface.closest_point(points.reshape(-1, points.shape[2])).points
-        read = _integrand(function, on_surface, read)
+        read = _evaluate_integrand(function, on_surface, read)
     return _float_if_single(weights.ravel() @ read)
 
 
@@ -63,19 +60,16 @@ def _float_if_single(total: Floats) -> float | Floats:
     return float(total[0]) if len(total) == 1 else total
 
 
-def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
-    """Return ``function`` (n, k) at ``points`` (n, d) with ``values`` (n, channels); InputError for other shapes."""
+def _evaluate_integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
+    """Return ``function`` (n, k) at ``points`` (n, d), ``values`` (n, channels); raises as :func:`evaluate_data`."""
     if not callable(function):
         return evaluate_data(function, points, None, "the integrand")
     columns = values[:, 0] if values.shape[1] == 1 else values
     return evaluate_data(lambda at: function(at, columns), points, None, "the integrand")
 
 
-def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
-    """Return the dimension of the parts of a manifold over which is integrated.
-
-    Raises InputError if ``dim`` is None and the parts have several dimensions, or no part has the dimension ``dim``.
-    """
+def _integrated_dimension(surface: ClosestPointSource, dim: int | None) -> int:
+    """Return ``dim``, or for None the manifold's only dimension; InputError if it has several, or not ``dim``."""
     dimensions = member_dimensions(surface)
     if dim is None and len(dimensions) > 1:
         raise InputError(
@@ -117,8 +111,7 @@ def _cells_to_integrate(solution: SolutionRecord, dim: int) -> tuple[Mesh, Float
 
 #: Width, in spacings, of the bump function around a boundary without a mesh.
 BUMP_WIDTH_SPACINGS = 3.0
-#: The bump is (1 - r^2)^POWER, r in widths.
-BUMP_POWER = 4
+BUMP_POWER = 4  #: The bump is (1 - r^2)^POWER, r in widths.
 #: Points of a rim are the closest points of points this share of a spacing beyond the mesh.
 BEYOND_RIM_SPACINGS = 0.25
 
@@ -127,7 +120,8 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
     """Return quadrature points (n, d) on ``surface`` along the boundary ``source``, and weights (n,).
 
     Weights are lengths or areas, 1 for points of a source with a mesh. If ``source`` has a mesh, for ``spacing``, the
-    rule is that of its curved cells; else the points are closest points of lattice nodes around the boundary.
+    rule is that of its curved cells; else many points and weights, of sum 1 for each point of the boundary, come from
+    lattice nodes around it.
     """
     dim = source.manifold_dim or 0
     if not isinstance(source, HasMesh):
@@ -170,8 +164,8 @@ def _bump_rule(
 def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> tuple[ClosestPoints, Floats]:
     """Return quadrature points on the manifold's edge, or on one ``loop`` of it, as closest points, and weights (n,).
 
-    The mesh is that for ``spacing``; ``loop`` None is the whole edge. An end of a curve has weight 1. Raises InputError
-    if the surface has no mesh or no such edge, or is a solid in space.
+    They are those of the mesh for ``spacing``; ``loop`` None is the whole edge. An end of a curve has weight 1. Raises
+    InputError if the surface has no mesh or no such edge, or is a solid in space.
     """
     points, cells = mesh_method(surface)(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
@@ -216,7 +210,7 @@ def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, poi
 
 
 def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> float | Floats:
-    """Return the integral, a float or (channels,), of du/db; arguments and errors as :meth:`SolutionRecord.flux`."""
+    """Return the flux through a side of a boundary, the integral of du/db, as :meth:`SolutionRecord.flux` does."""
     scene, form = solution.scene, solution.discretized
     names = [boundary.name for boundary in scene.boundaries]
     if boundary not in names and (boundary == "edge" or isinstance(boundary, int)):

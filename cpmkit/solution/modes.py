@@ -45,9 +45,9 @@ class EigenRecord(SolutionRecord):
         first = ", ".join(f"{value:.6g}" for value in self.eigenvalues[:4])
         return f"{super().__repr__()}, eigenvalues {first}{', ...' if len(self.eigenvalues) > 4 else ''}"
 
-    def _figures(self) -> list[tuple[str, str]]:
-        """Return the rows (name, text) that a notebook shows beside the picture, with the eigenvalues."""
-        return [*super()._figures(), ("eigenvalues", ", ".join(f"{value:.6g}" for value in self.eigenvalues))]
+    def _notebook_rows(self) -> list[tuple[str, str]]:
+        """Return the rows of :meth:`SolutionRecord._notebook_rows`, and one with the eigenvalues."""
+        return [*super()._notebook_rows(), ("eigenvalues", ", ".join(f"{value:.6g}" for value in self.eigenvalues))]
 
 
 def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tuple[Floats, Floats]:
@@ -55,10 +55,9 @@ def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tup
 
     Each eigenfunction of ``fine`` is approximated by least squares in those of ``coarse`` at ``points`` (n, d) of the
     scene, which also works for multiple eigenvalues, whose basis is arbitrary. Its eigenvalue is compared with the mean
-    of the coarse eigenvalues, weighted by the squares of the coefficients.
-
-    The difference of an eigenvalue is infinite if the coarse solution does not recover its mode: more than half of the
-    mean square of the eigenfunction is left as a remainder.
+    of the coarse eigenvalues, weighted by the squares of the coefficients. The difference of an eigenvalue is infinite
+    if the coarse solution does not recover its mode: more than half of the mean square of the eigenfunction is left as
+    a remainder. The differences of eigenfunctions are the absolute values of these remainders at the points.
     """
     of_fine, of_coarse = (modes.evaluate(points).reshape(len(points), -1) for modes in (fine, coarse))
     weights = np.linalg.lstsq(of_coarse, of_fine, rcond=None)[0]

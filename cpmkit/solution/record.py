@@ -109,7 +109,7 @@ class SolutionRecord:
         return self.estimated
 
     def error_at(self, points: Any) -> Any:
-        """Return the estimated error, in the unit of u, at points of the manifold; shapes as for :meth:`evaluate`."""
+        """Return the estimated error, in the unit of u and without that of time steps; shapes: :meth:`evaluate`."""
         return self._read_at_points(points, self.error.at_points)
 
     @overload
@@ -145,14 +145,14 @@ class SolutionRecord:
         return self.evaluate(points, side)
 
     def _values_at(self, points: Any, side: ReadSides) -> Floats:
-        """Return the solution (n,) or (n, channels) at points (n, d); for "both" with a second axis, left first."""
+        """Return the solution (n,) or (n, channels) at points (n, d); for "both" with a second axis (2), left first."""
         if side == "both":
             return np.stack([self._values_at(points, one) for one in SIDES], axis=1)
         values = self.discretized.evaluate(self.values, points, side)
         return values[:, 0] if self.channels == 1 else values
 
     def _read_at_points(self, points: Any, read: Callable[[Any], Floats]) -> Any:
-        """Return the result of ``read`` for points (n, d), or for one point (d,) without the axis of points."""
+        """Return ``read(points)`` for points (n, d); for one point (d,) its only row, a float if that is a number."""
         try:
             one = np.shape(points) == (self.scene.surface.dim,)
         except ValueError:  # rows of different lengths, which the reader refuses
@@ -171,12 +171,12 @@ class SolutionRecord:
 
         Returns
         -------
-        (n,) or (n, channels) float64
+        (n,) or (n, channels) float64, with ``side="both"`` as for :meth:`evaluate`
 
         Raises
         ------
         InputError
-            If the surface was not made from vertices.
+            If the surface was not made from vertices, or a side names no boundary that has sides.
         """
         from cpmkit.solution.display_mesh import values_at_vertices
 
@@ -192,7 +192,7 @@ class SolutionRecord:
         Parameters
         ----------
         points, side
-            As for :meth:`evaluate`.
+            As for :meth:`evaluate`, but not "both".
 
         Returns
         -------
@@ -263,7 +263,8 @@ class SolutionRecord:
     def flux_density(self, boundary: str, side: Side, points: Any) -> Floats:
         """Return du/db, (n,) or (n, channels), at the points of a boundary nearest to ``points`` (n, d).
 
-        b points out of ``side``, as for :meth:`flux`. Raises InputError if the boundary has no such side.
+        b points out of ``side``, as for :meth:`flux`. Raises InputError if there is no such boundary with sides, or the
+        points are no finite array of this shape.
         """
         from cpmkit.solution.integrals import flux_density
 
@@ -293,20 +294,20 @@ class SolutionRecord:
         ----------
         function : callable or number, optional
             Integrated in place of the solution: called with points (n, d) of the manifold and the values there, (n,) or
-            (n, channels), it returns (n,) or (n, k). ``1`` gives the length or area.
+            (n, channels), it returns (n,) or (n, k). ``1`` gives the length, area or volume.
         dim : int, optional
             Dimension of the parts over which is integrated, for a union with parts of several dimensions, since lengths
             and areas do not add up.
 
         Returns
         -------
-        float, or (channels,) float64 where there are several
+        float, or (channels,) float64 where there are several; of a function with k values (k,)
 
         Raises
         ------
         InputError
-            If ``dim`` is needed or is not that of a part, or, in other forms than the Galerkin form, the surface has no
-            mesh, or one that does not fill it (a cloud, a solid in space).
+            If ``dim`` is needed or is not that of a part, the function returns another shape, or, in other forms than
+            the Galerkin form, the surface has no mesh, or one that does not fill it (a cloud, a solid in space).
 
         Examples
         --------
@@ -373,8 +374,8 @@ class SolutionRecord:
             f"  {self.work.unknowns:,} unknowns, solver {self.report.solver}{warned}"
         )
 
-    def _figures(self) -> list[tuple[str, str]]:
-        """Return the rows (name, text) that a notebook shows beside the picture."""
+    def _notebook_rows(self) -> list[tuple[str, str]]:
+        """Return the rows (name, text) of the table about the solution that a notebook shows beside its picture."""
         low, high = (float(function(self.values)) for function in (np.min, np.max))
         return [
             ("equation", f"{self.scene.problem.kind}: {self.scene.problem}"),

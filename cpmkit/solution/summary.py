@@ -61,7 +61,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
 
 
 def _describe_loop(conditions: LoopConditions) -> Any:
-    """Return a loop's condition in words, or a list of [condition, formula] of its parts, None for the rest."""
+    """Return a loop's condition in words, or [condition, formula or "of position"] of its parts, None for the rest."""
     if not isinstance(conditions, ByPosition):
         return _describe_condition(conditions)
     places = [None if part.where is None else getattr(part.where, "text", "of position") for part in conditions.parts]
@@ -81,9 +81,9 @@ def _arguments(term: Any) -> dict[str, Any]:
 
 
 def _as_plain(value: Any) -> Any:
-    """Return a datum for JSON: numbers as floats, lists by entries, a list of one entry as that entry, others as text.
+    """Return a datum for JSON: numbers as floats, lists by entries, a list of one entry as that entry.
 
-    The text is ``of position`` for functions, else the name of the type.
+    None, truth values and texts are unchanged; others become ``of position`` (functions) or the name of their type.
     """
     if value is None or isinstance(value, (bool, str)):
         return value

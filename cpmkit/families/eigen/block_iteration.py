@@ -22,8 +22,7 @@ from cpmkit.types import Floats, Ints
 MOST_ROUNDS = 100
 #: Largest energy of a linearly dependent direction, as a share of the energy of its block: rounding.
 DEPENDENT_SHARE = 1e-12
-#: Number of blocks of functions in memory at the peak: three with their products, copies of two of them, and
-#: the corrections.
+#: Number of blocks of functions in memory at the peak: three with products, copies of two of these, and corrections.
 PEAK_BLOCKS = 17
 
 
@@ -39,7 +38,7 @@ class FunctionBlock:
 def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPairs:
     """Return the ``width`` least eigenvalues, ascending, with eigenvectors; only the first ``count`` have converged.
 
-    ``iteration`` has a preconditioner. Raises ResolutionError if the functions exceed the memory of this process.
+    ``iteration`` must have a preconditioner. Raises ResolutionError if the functions exceed the memory of this process.
     Raises ConvergenceError if a pair of the first ``count`` changes by more than half the tolerance after
     :data:`MOST_ROUNDS`, or A - sigma B is not positive definite.
     """
@@ -93,16 +92,16 @@ def _relative_changes(iteration: InverseIteration, corrections: Floats, theta: F
 
 
 def _make_block(iteration: InverseIteration, functions: Floats) -> FunctionBlock:
-    """Return the block of ``functions`` (n, k) with its products, which are counted in ``iteration.products``."""
+    """Return ``functions`` S (n, k) with (A - sigma B) S and B S; the former are counted in ``iteration.products``."""
     iteration.products += functions.shape[1]
     return FunctionBlock(functions, iteration.operator.apply(functions), iteration.apply_mass(functions))
 
 
 def _orthonormalise(iteration: InverseIteration, functions: Floats, blocks: Sequence[FunctionBlock] = ()) -> Floats:
-    """Return combinations (n, m) of ``functions`` (n, k) orthonormal in energy, and orthogonal to ``blocks``.
+    """Return combinations (n, m) of ``functions`` (n, k) orthonormal in energy, and orthogonal in it to ``blocks``.
 
     m is less than k if the functions and blocks are linearly dependent. Orthogonalisation is done twice, because of
-    rounding, and products are counted. Raises ConvergenceError if an energy is not above zero.
+    rounding, and products are counted. Raises ConvergenceError if the energy of a function is not above zero.
     """
     iteration.products += functions.shape[1]
     energies = np.einsum("nk,nk->k", functions, iteration.operator.apply(functions))
@@ -136,9 +135,9 @@ def _rayleigh_ritz(
 ) -> tuple[Floats, FunctionBlock, FunctionBlock]:
     """Return the ``width`` largest Ritz values theta (width,) in the span of the blocks, and two blocks of functions.
 
-    These are the Ritz functions, and for the ``active`` ones the components outside the first block, made orthogonal to
-    the Ritz functions (Hetmaniuk and Lehoucq, J. Comput. Phys. 218, 2006): the three blocks of the next round are then
-    orthonormal, and its matrices never nearly singular.
+    These are the Ritz functions, and of the Ritz functions numbered ``active`` (a,) the components outside the first
+    block, made orthogonal to the former (Hetmaniuk and Lehoucq, J. Comput. Phys. 218, 2006): the three blocks of the
+    next round are then orthonormal, and its matrices never nearly singular.
     """
     from scipy.linalg import eigh
 

@@ -93,11 +93,11 @@ class InverseIteration:
 
 
 def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffness) -> InverseIteration:
-    """Return inverse iteration for a problem, with a shift close to the number near which eigenvalues are sought.
+    """Return inverse iteration for a problem, with a shift just below ``problem.near``, where eigenvalues are sought.
 
-    Without such a number the shift is below the least c (0 for Steklov conditions), and for symmetric operators without
+    If that is None the shift is below the least c (0 for Steklov conditions), and for symmetric operators without
     multigrid below the spectrum. ``stiffness`` is A. Raises SceneError if no number below the spectrum is found, or a
-    Steklov problem has a piece with Neumann conditions alone.
+    Steklov problem has a piece with Neumann conditions alone; and as :meth:`SolveContext.prepare` does.
     """
     form = context.discretized
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
@@ -127,7 +127,7 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
 
 
 def _shift_below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> float:
-    """Return a number below all eigenvalues: ``shift`` itself, or a lower number, by steps from 4 ``unit`` on.
+    """Return a number below all eigenvalues: ``shift`` itself, or one lower by 4 ``unit``, 16 ``unit`` more, ....
 
     ``stiffness`` is A, ``mass`` B or None for the identity. Conditions that add energy may cause eigenvalues far below
     zero. Raises SceneError if twelve trials find no such number.
@@ -189,7 +189,10 @@ def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
 
 
 def mass_unknowns(iteration: InverseIteration) -> Ints | None:
-    """Return the unknowns (m,) in B's nonzero rows, if at most 64 and half, and the problem symmetric; else None."""
+    """Return the unknowns (m,) whose rows of B are not zero; None if m exceeds 64 or half of the number of unknowns.
+
+    None also if the problem is not symmetric, or B is the identity or has no matrix.
+    """
     if not iteration.symmetric or iteration.mass is None or not hasattr(iteration.mass, "to_csr"):
         return None
     matrix = iteration.mass.to_csr()

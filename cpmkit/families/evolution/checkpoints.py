@@ -26,8 +26,7 @@ from cpmkit.files.plain_values import record_from_table
 from cpmkit.files.whole_files import written_whole
 from cpmkit.types import Floats
 
-#: Names of the arrays of a moment.
-MOMENT_ARRAYS = ("u", "rate", "acceleration")
+MOMENT_ARRAYS = ("u", "rate", "acceleration")  #: Names of the arrays of a moment.
 #: The arrays of a checkpoint. ``digest`` identifies the run; ``contents`` is a digest of all other arrays.
 CHECKPOINT_ARRAYS = (
     SavedArray("run", "U"),
@@ -49,7 +48,7 @@ CHECKPOINT_WORDS = "a checkpoint of a run in time"
 
 
 def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTally) -> None:
-    """Write ``state`` into an .npz file, completely or not at all, with the digests that identify its run.
+    """Write ``state``, after at least one step, into an .npz file, completely or not at all, with digests of its run.
 
     ``tally`` has the counts of the linear solves. Raises InputError if the file cannot be written.
     """
@@ -105,12 +104,11 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
 
 
 def _mismatch(path: Path) -> str:
-    """Return the beginning of the message about a checkpoint of another run."""
     return f"The checkpoint {path} is of another run"
 
 
 def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise InputError if a checkpoint's steps are not those of this run, or its state does not belong to them.
+    """Raise InputError if a checkpoint's steps are not the first of this run, or its state does not belong to them.
 
     ``arrays`` are those of the file ``path`` by name, see :data:`CHECKPOINT_ARRAYS`.
     """

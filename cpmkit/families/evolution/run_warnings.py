@@ -25,10 +25,10 @@ def run_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> t
 
 
 def _heat_drift_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
-    """Return a warning in a list if heat was lost or gained on pieces of the manifold without outflow; else [].
+    """Return a list with a warning if heat was lost or gained on a piece of the manifold without outflow, or [].
 
-    There the mean of u should grow by the mean of f times the time, in every scheme. It is checked for c = 0, steady f,
-    no velocity and no ``after_step``.
+    There the mean of u should grow by the mean of f times the time, in every scheme. It is checked only for heat with
+    c = 0, steady f, no velocity and no ``after_step``, if the form has ``closed_component_means``.
     """
     problem, heat, start, u = plan.problem, plan.evolution, plan.start.u, history[-1].u
     if not isinstance(heat, Heat) or callable(heat.c) or heat.c or heat.velocity is not None or takes_time(heat.f):
@@ -56,7 +56,7 @@ def _heat_drift_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.Histo
 
 
 def wave_energy(problem: semidiscrete.SemiDiscrete, moment: semidiscrete.Moment) -> Floats | None:
-    """Return the energy (channels,) of a wave, ``v'Mv/2 + u'Au/2 - u'b``, with the forcing as a potential.
+    """Return the energy (channels,) of a wave, ``v'Mv/2 + u'Au/2 - u'b``, with the forcing b as a potential.
 
     u and v are ``u`` and ``rate`` of ``moment``. It is conserved if b is constant. None without a rate or symmetric A.
     """
@@ -68,12 +68,12 @@ def wave_energy(problem: semidiscrete.SemiDiscrete, moment: semidiscrete.Moment)
 
 
 def growth_check(plan: semidiscrete.RunPlan) -> Callable[[Floats, float], None] | None:
-    """Return a function of u (n, channels) and the time that raises ResolutionError if u exceeds an a priori bound.
+    """Return a function of u (n, channels) and the time that raises ResolutionError above four times an a priori bound.
 
-    If A has no eigenvalue below zero and the data do not depend on time, the norm of u is at most ``start + rate t``
-    for heat and ``start + rate t + push t^2 / 2`` for waves, t after the start: a norm of four times that proves an
-    eigenvalue of the wrong sign. None for other data, operators and equations, and with a mass matrix, since the norm
-    of b then does not bound that of ``M^-1 b``.
+    If A has no eigenvalue below zero and b does not depend on time, the norm of u after a time t is at most ``|u0| +
+    |b| t`` for heat and ``|u0| + |v0| t + |b| t^2 / 2`` for waves with the rate v0 at the start: more than four times
+    that proves an eigenvalue of the wrong sign. None for other data, operators and equations, with ``after_step``, and
+    with a mass matrix M, since the norm of b then does not bound that of ``M^-1 b``.
     """
     problem, evolution, start, form = plan.problem, plan.evolution, plan.start, plan.problem.form
     if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
@@ -99,9 +99,10 @@ def growth_check(plan: semidiscrete.RunPlan) -> Callable[[Floats, float], None] 
 
 
 def _long_step_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
-    """Return a warning in a list if advection in the scheme is off by over a tenth of the variation of u; else [].
+    """Return a list with a warning if long steps put advection off by over a tenth of the variation of u, or [].
 
-    The error is that of the whole run, or of the time in which diffusion removes the variation.
+    The error is estimated, from waves like those at the start, for the whole run or the time in which diffusion removes
+    them; not for equations without velocity, a constant start, or a u that varies and has become steady.
     """
     evolution, form = plan.evolution, plan.problem.form
     if not isinstance(evolution, Heat) or evolution.velocity is None or len(history) < 2:
@@ -139,7 +140,7 @@ def _long_step_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.Histor
 
 
 def _short_pattern_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
-    """Return a warning in a list if the waves of a reaction are so short that the lattice shapes them; else []."""
+    """Return a list with a warning if a reaction's pattern is so short that the lattice shapes it, or []."""
     if not isinstance(plan.evolution, ReactionDiffusion):
         return []
     form, u = plan.problem.form, history[-1].u
@@ -161,7 +162,7 @@ def _short_pattern_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.Hi
 
 
 def _spread_points(form: Discretized) -> tuple[Floats, Floats]:
-    """Return up to 4000 of the form's points (k, d), and the share of the manifold (k,) that each represents."""
+    """Return up to 4000 of the form's points (k, d), and weights (k,) of sum 1 for means over the manifold."""
     every = slice(None, None, max(1, len(form.points) // 2000))
     points, weights = form.points[every], form.point_weights
     share = np.full(len(points), 1.0) if weights is None else weights[every]
@@ -169,7 +170,7 @@ def _spread_points(form: Discretized) -> tuple[Floats, Floats]:
 
 
 def _oscillation_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
-    """Return a warning in a list if the last two steps go back and forth; else [].
+    """Return a list with a warning if the changes of u in the last two steps are opposite and not small, or [].
 
     Only Crank-Nicolson, which does not damp, and schemes with an explicit reaction are checked.
     """
@@ -194,7 +195,7 @@ def _oscillation_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.Hist
 
 
 def _unresolved_wave_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
-    """Return a warning in a list if the lattice does not resolve a wave; else []."""
+    """Return a list with a warning if u is a wave at the end that the lattice does not resolve, or []."""
     problem, evolution = plan.problem, plan.evolution
     if not isinstance(evolution, Wave):
         return []
@@ -217,7 +218,7 @@ def _unresolved_wave_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.
 
 
 def _mean_frequency(problem: semidiscrete.SemiDiscrete, history: semidiscrete.History) -> float:
-    """Return the fourth root of the mean of u_tt^2 over that of u^2 in the last step, a wave's frequency."""
+    """Return a wave's frequency in the last step, the root of the rms of u_tt over that of u; 0 where u is zero."""
     before, now = history[-2:]
     assert before.rate is not None
     assert now.rate is not None
@@ -227,7 +228,7 @@ def _mean_frequency(problem: semidiscrete.SemiDiscrete, history: semidiscrete.Hi
 
 
 def _missed_rest_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
-    """Return a warning in a list if u changes faster in the last step than the rate ``rest`` of the run; else []."""
+    """Return a list with a warning if u still changes at the rate ``rest`` of the run or faster, or []."""
     evolution = plan.evolution
     rate = semidiscrete.rate_of_change(plan.problem.form, plan.start, history)
     if evolution.rest is None or rate < evolution.rest:

@@ -26,8 +26,7 @@ from cpmkit.types import Floats
 
 #: Shares of a step up to this are rounding, and no step of their own.
 ROUNDED_STEP_SHARE = 1e-9
-#: Number of moments that schemes read.
-REMEMBERED_MOMENTS = 3
+REMEMBERED_MOMENTS = 3  #: Number of moments that schemes read.
 
 
 @dataclass(frozen=True)
@@ -46,8 +45,7 @@ class Moment:
     """The unknowns at one time."""
 
     u: Floats  #: (n, channels): values of the unknowns.
-    #: (n, channels): for a wave the time derivatives of the unknowns; for leapfrog those half a step before.
-    rate: Floats | None
+    rate: Floats | None  #: (n, channels): for a wave the derivative of u in time; for leapfrog that half a step before.
     length: float  #: Length of the step that ends at this time; zero at the start.
     acceleration: Floats | None = None  #: (n, channels): for leapfrog the second derivatives at the start of that step.
     time: float = 0.0  #: The time, as the schedule has it.
@@ -73,10 +71,7 @@ def schedule(until: float, step: float, frames: Sequence[float], start: float = 
 
 
 def _steps_between(start: float, stop: float, step: float, is_frame: bool) -> Iterator[Step]:
-    """Yield equal steps from ``start`` to ``stop``, the last one shorter if they do not fit.
-
-    ``is_frame`` says whether the solution is stored after the last of them.
-    """
+    """Yield equal steps from ``start`` to ``stop``, the last shorter if they do not fit; it alone has ``is_frame``."""
     ratio = (stop - start) / step
     whole = int(ratio + ROUNDED_STEP_SHARE)
     rest = round(ratio - whole, 9)  # equal steps share a system
@@ -103,8 +98,7 @@ class RunState:
     done: int  #: Number of steps taken.
     history: tuple[Moment, ...]  #: The last moments, the latest last.
     frames: tuple[Floats, ...] = ()  #: tuple of (n, channels) float64: values of the unknowns at the frames so far.
-    #: tuple of (channels,) float64: the energy of a wave at each frame, if it has an energy.
-    energies: tuple[Floats, ...] = ()
+    energies: tuple[Floats, ...] = ()  #: tuple of (channels,): the energy of a wave at each frame, if it has one.
 
     def with_frame(self, u: Floats, energy: Floats | None) -> RunState:
         """Return the state with one more frame u (n, channels) and, for a wave, its energy (channels,)."""
@@ -113,7 +107,10 @@ class RunState:
 
 
 def apply_after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:
-    """Return ``moment`` with u changed by ``evolution.after_step``; itself if there is no such function or change."""
+    """Return ``moment`` with u projected after ``evolution.after_step`` changed its values at the form's points.
+
+    It is returned itself if there is no such function or no change.
+    """
     if evolution.after_step is None:
         return moment
     values = form.at_points(moment.u)
@@ -299,9 +296,9 @@ class ShiftedSolver:
 
     @cached_property
     def _closed_pieces(self) -> list[tuple[Any, Floats] | None]:
-        """For each group the indicators B (n, pieces) of the pieces on which A fixes no constant, and B' M B.
+        """For each group the indicators B (n, pieces) of pieces where A fixes no constant, and B' M B; None if none do.
 
-        None if A is not symmetric or there are no such pieces.
+        None also if the operator A of the group is not symmetric.
         """
         pieces: list[tuple[Any, Floats] | None] = []
         for stiffness in (group.stiffness for group in self.problem.groups):

@@ -207,11 +207,11 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def solve_in_time(context: SolveContext) -> EvolvedRecord:
-    """Solve an equation in time up to its end, and return the solution there with its frames.
+    """Solve an equation in time up to its end, or to rest, and return the solution there with its frames.
 
-    Raises ResolutionError or SceneError if the scheme would be unstable, the solution grows without a cause, or frames
-    exceed the memory. Raises ConvergenceError if a step does not reach the tolerance; the message contains the time.
-    Raises InputError if a checkpoint is of another run.
+    Raises SceneError if the form lacks the scheme; InputError or ResolutionError if that would be unstable;
+    ResolutionError if the solution grows without a cause or frames exceed the memory. Raises ConvergenceError if a step
+    does not reach the tolerance; the message contains the time. Raises InputError as the checkpoint's functions do.
     """
     form = context.discretized
     evolution = cast("Evolution", context.scene.problem).with_scheme("explicit steps" not in form.cannot)
@@ -243,7 +243,7 @@ def build_semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
 
 
 def _run_steps(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
-    """Take all steps, or steps up to rest, from the start or a checkpoint, write checkpoints; return the last state."""
+    """Take all steps, or those up to rest, from the start or a checkpoint; write checkpoints; return the last state."""
     target, total, evolution = context.checkpointing, len(plan.steps), plan.evolution
     scheme = SCHEMES[evolution.scheme]
     if scheme is damped_crank_nicolson and getattr(evolution, "start", "") == "plain":
@@ -302,7 +302,7 @@ def _take_step(
 def _solution_at_end(
     context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, built: float
 ) -> EvolvedRecord:
-    """Return the solution at the end of a run, with frames and warnings; ``built`` is perf_counter() before the run."""
+    """Return the solution at the last step, with frames and warnings; ``built`` is perf_counter() before the steps."""
     u, total, end = state.history[-1].u, state.done, state.history[-1].time
     reason = (
         f"relative residual {tally.residual:.2e} at most in {total} steps with {tally.iterations} iterations, "

@@ -75,7 +75,7 @@ class Layout:
 
 
 def build_layout(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Layout:
-    """Return the layout of a scene: its unknowns on a lattice, and the formulas of their rows in the matrix E.
+    """Return the layout of a scene: its unknowns on a lattice, and the formulas of the rows of the matrix E.
 
     ``progress`` is called with stages and the shares done. Raises InputError, SceneError or ResolutionError if the
     lattice's origin, a boundary, a condition or the spacing does not fit.
@@ -86,7 +86,7 @@ def build_layout(scene: Scene, options: Options[CollocationOptions], progress: P
     band = build_band(surface, lattice.spacing, options.own.degree, progress)
     if options.own.sheets:
         band = separate_sheets(surface, band)
-    boundaries, formula = _boundaries_and_nodes(scene, surface, band, lattice, options.own.order)
+    boundaries, formula = _boundaries_and_node_formulas(scene, surface, band, lattice, options.own.order)
     ghosts: list[Ghosts] = []
     for index in range(len(scene.boundaries)):
         ghosts.append(build_ghosts(index, boundaries, band, lattice, formula, options.own.order))
@@ -111,12 +111,12 @@ def _with_meetings(layout: Layout, time: float | None) -> Layout:
     return replace(layout, meetings=meetings + find_mixed_sides(boundaries, lattice, channels, time))
 
 
-def _boundaries_and_nodes(
+def _boundaries_and_node_formulas(
     scene: Scene, surface: LocalSource, band: Band, lattice: Lattice, order: int
 ) -> tuple[BoundariesOnBand, RowFormula]:
     """Return the boundaries with the nodes' distances and sides, and the formulas by which the band's nodes read u.
 
-    A node past an edge reads its closest point if a boundary of uncoupled sides separates it from its mirror point.
+    A node past an edge reads its closest point, not its mirror point, if a boundary of uncoupled sides separates these.
     """
     # King et al. (2024), section 4.6: boundaries within twice the reach of a stencil are found.
     formula, reach = node_formulas(surface, band, lattice, scene.edge, order), reading_radius(band.dim, band.degree)
@@ -136,7 +136,8 @@ def _boundaries_and_nodes(
 def _sources_of_nodes(boundaries: BoundariesOnBand, band: Band) -> RowFormula:
     """Return the formula by which the band's nodes read right-hand sides: at their closest points, on their own side.
 
-    A node whose closest point is almost on a boundary extrapolates from points farther inside its side.
+    A node whose closest point is almost on a boundary (not at an open end or past an edge) extrapolates from points
+    farther inside its side.
     """
     points, coefficient, terms = band.feet.points.copy(), np.ones(len(band.nodes)), []
     for number, view in enumerate(boundaries.side_views):
@@ -219,9 +220,10 @@ def _formula_of_rows(layout: Layout) -> RowFormula:
 
 
 def row_centres(layout: Layout, formula: RowFormula | None = None) -> Centres:
-    """Return the centres of the stencils of all rows of E, with the side of each boundary on which each lies.
+    """Return the centres of the stencils of all rows of E, with the side of each near boundary on which each lies.
 
-    If the band has sheets and the rows' ``formula`` is given, they include the feet and normals that choose the sheet.
+    If the band has sheets and the rows' ``formula`` is given, they include the feet that choose the sheet, and the
+    normals known so far.
     """
     band, first = layout.band, layout.unknowns.first_rows
     owner = np.repeat(np.arange(-1, len(layout.ghosts)), np.diff(first, prepend=0))

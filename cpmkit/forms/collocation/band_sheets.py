@@ -45,8 +45,9 @@ def same_sheet(
     On a smooth sheet the chord between two points is at right angles to the mean of their normals, up to the third
     order of its length: so ``|chord . (n + n')| / 2`` is small for any curvature, while between parallel sheets it is
     their distance. Across a crease it is at most ``|chord| |n - n'| / 2``, which is added to the tolerance of half a
-    ``spacing``. Normals that are not ``signed`` are turned to the same direction. A ``slope`` above zero increases the
-    tolerance by that multiple of the chord, for points farther apart than the width of a stencil.
+    ``spacing``. Normals that are not ``signed`` are turned to the same direction; others with a cosine below -0.4 are
+    on two sheets. A ``slope`` above zero increases the tolerance by that multiple of the chord, for points farther
+    apart than the width of a stencil.
     """
     if not signed:
         along = np.sum(normals * other_normals, axis=-1, keepdims=True)
@@ -96,8 +97,7 @@ class Sheets:
     normals: Floats  #: (n, d): unit normals at the feet.
     first: Ints  #: (n + 1,): ``twins[first[k]:first[k + 1]]`` are the twins of site k; a twin has none itself.
     twins: Ints  #: (t,): numbers of the sites that are twins.
-    #: (m,): sites whose stencils still read a node of another sheet, because it has no foot on their own sheet.
-    mixed: Ints
+    mixed: Ints  #: (m,): sites whose stencils still read a node of another sheet, as it has no foot on their own.
 
     @property
     def signed(self) -> bool:

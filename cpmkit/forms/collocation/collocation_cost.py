@@ -62,7 +62,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return unknowns * bytes_per_unknown(dim, degree, solver, self.scene.channels, per_unknown)
 
     def fitting_spacing(self, solver: str, available: int) -> float:
-        """Return the smallest spacing at which a solve by ``solver`` fits into ``available`` bytes."""
+        """Return the least spacing, rounded up to two digits, at which ``solver`` takes at most ``available`` bytes."""
         return fitting_spacing(self.surface, self.options.own.degree, available, solver)
 
     def source_error(self) -> float:
@@ -95,7 +95,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         rounding = float(np.finfo(np.float64).eps * np.ptp(layout.surface.bounds, axis=0).max())
         noise = NOISE_FACTOR * max(_query_noise(layout), rounding) / spacing
         return Explanation(
-            (*self._parts(counts, layout), solver_part(scene, chosen, solver)),
+            (*self._explanation_parts(counts, layout), solver_part(scene, chosen, solver)),
             tuple(self._skipped_steps(counts)),
             unknowns,
             counts["queries"],
@@ -137,7 +137,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         check_band_memory(surface, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
         return lattice.spacing * side
 
-    def _parts(self, counts: Mapping[str, int], layout: Layout) -> list[Part]:
+    def _explanation_parts(self, counts: Mapping[str, int], layout: Layout) -> list[Part]:
         """Return the parts of the explanation, with numbers from ``counts``: nodes, twins and ghosts by boundary."""
         own, twins, past_edge = self.options.own, counts["twins"], counts["past edge"]
         parts = [
@@ -184,7 +184,7 @@ class CollocationCost(CostModel[CollocationOptions]):
 
 
 def _query_noise(layout: Layout) -> float:
-    """Return the largest distance (length) by which the closest points of 1000 nodes move when queried again."""
+    """Return the largest distance by which closest points of up to 1000 nodes, none doubtful, move if queried again."""
     nodes = np.linspace(0, len(layout.band.nodes) - 1, PROBED_FEET).astype(np.int64)
     feet = layout.band.feet.take(np.unique(nodes))
     if feet.doubtful is not None:

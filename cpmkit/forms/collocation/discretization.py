@@ -57,7 +57,7 @@ class Discretization:
         return self.layout.unknowns
 
     def datum(self, time: float | None = None) -> Floats:
-        """Return the sum (rows, channels) of the boundary data that are added to E u, at ``time``."""
+        """Return the vector (rows, channels) of the boundary data, times their factors, that is added to E u."""
         return sum_of_data(self.data, self.extension.shape[0], self.layout.channels, time)
 
     @cached_property
@@ -100,9 +100,9 @@ class Discretization:
         return np.concatenate([evaluate_data(data, at, channels, label) for at in points])
 
     def reading_matrix_of_law(self, law: type[Law]) -> SparseMatrix:
-        """Return the matrix (rows, unknowns) that reads u where rows have data of a ``law``, times the data's factors.
+        """Return the matrix (rows, unknowns) that reads u in rows with data of a ``law``, times the data's factors.
 
-        Added to E with a factor lambda, it replaces these data by lambda u.
+        Added to E with a factor lambda, it replaces these data by lambda u. It is zero if no row has such data.
         """
         from scipy.sparse import csr_array, diags_array
 
@@ -148,7 +148,7 @@ def build_tables(
 def tables_of_layout(layout: band_layout.Layout, progress: Progress = no_progress) -> Discretization:
     """Return the tables (E, difference neighbours, boundary data) of a layout; ``progress`` gets stage and share."""
     extension, data, centres = band_layout.build_extension(layout, lambda stage, share: progress(stage, 0.8 * share))
-    neighbours = _neighbours(layout.unknowns, centres)
+    neighbours = _difference_neighbours(layout.unknowns, centres)
     neighbours.flags.writeable = False
     progress("tables", 1.0)
     return Discretization(layout, make_read_only(extension), data, neighbours)
@@ -165,7 +165,7 @@ def make_read_only(matrix: SparseMatrix) -> SparseMatrix:
     return matrix
 
 
-def _neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
+def _difference_neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
     """Return the rows of E (unknowns, 2 d) that difference stencils read, in the order of :func:`cross_offsets`.
 
     ``centres`` are those of the interpolation stencils of all rows of E. A neighbour on the other side of a boundary is
@@ -188,7 +188,7 @@ def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretizat
     of a condition without data in the tables (zero flux), or to different data where one condition object serves
     several loops or sides; also SceneError or ResolutionError if :func:`check_layout` refuses the new data.
     """
-    laws = list(zip(_laws(old), _laws(new), strict=True))
+    laws = list(zip(_labelled_laws(old), _labelled_laws(new), strict=True))
     coupled = [law for (_, law), _ in laws if isinstance(law, Interface) and None in (law.left, law.right)]
     if coupled and old.problem.terms().diffusivity != new.problem.terms().diffusivity:
         raise SceneError(
@@ -216,7 +216,7 @@ def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretizat
     return replace(tables, layout=layout, data=data)
 
 
-def _laws(scene: Scene) -> list[tuple[str, Law]]:
+def _labelled_laws(scene: Scene) -> list[tuple[str, Law]]:
     """Return the laws of the conditions of a scene, each with its label in :class:`BoundaryData`."""
     edge = [(EDGE_CONDITION, condition.law) for condition in scene.edge_conditions]
     sides = [
@@ -231,8 +231,7 @@ class Work(PlainWork):
 
     nodes: int  #: Number of nodes of the band, outer nodes included.
     ghosts: int  #: Number of unknowns that are ghosts.
-    #: Number of ghosts of order 1, by request or because their mirror point lies beyond another boundary.
-    first_order_ghosts: int
+    first_order_ghosts: int  #: Number of ghosts of order 1, by request or as another boundary hides the mirror point.
     closest_point_queries: int  #: Number of closest point queries of the surface and of all boundaries.
     table_bytes: int  #: Bytes of E, N and the closest point records.
     #: The closest point queries of the surface and of each boundary, by name.

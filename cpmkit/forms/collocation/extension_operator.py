@@ -139,20 +139,21 @@ class BoundaryMass:
 def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
     """Return the operator A of the terms c u - div(a grad u), and of v . grad u if there is a velocity v.
 
-    Raises InputError if a coefficient is no number or callable of points, or a callable diffusivity is not positive.
-    Raises ResolutionError if the spacing is too coarse for the velocity.
+    ``terms.conservative`` is ignored: :func:`check_terms` refuses it. Raises InputError if c or a is no number or
+    callable of points, a callable a is not positive, or v has not d coordinates. Raises ResolutionError if the spacing
+    is too coarse for the velocity.
     """
     layout = tables.layout
     scale = 1.0 / layout.lattice.spacing**2
-    c = _coefficient(tables, terms.c, "the factor c")
+    c = _scalar_coefficient(tables, terms.c, "the factor c")
     if not callable(terms.diffusivity) and terms.velocity is None:
-        a = float(_coefficient(tables, terms.diffusivity, "the diffusivity")[0, 0])
+        a = float(_scalar_coefficient(tables, terms.diffusivity, "the diffusivity")[0, 0])
         diagonal = c + 2 * layout.lattice.dim * a * scale
         constant = not callable(terms.c)
         return ExtensionOperator(
             tables.extension, tables.differences, float(diagonal[0, 0]) if constant else diagonal, a * scale
         )
-    at_rows = _diffusivity(tables, terms.diffusivity)
+    at_rows = _extrapolated_diffusivity(tables, terms.diffusivity)
     # The weights (n, 2 d) of the neighbours in spacing^2 div(a grad u): a at the midpoints.
     weights = 0.5 * (at_rows[tables.unknowns.row_of_unknown][:, None] + at_rows[tables.neighbours])
     diagonal = c + scale * weights.sum(axis=1, keepdims=True)
@@ -170,14 +171,14 @@ def check_terms(terms: Terms) -> None:
         )
 
 
-def _coefficient(tables: Discretization, data: Data, label: str) -> Floats:
+def _scalar_coefficient(tables: Discretization, data: Data, label: str) -> Floats:
     """Return a coefficient (n, 1) of the equation at the unknowns; InputError, with ``label``, if it is not scalar."""
     if not callable(data):
         return np.full((tables.unknowns.count, 1), evaluate_data(data, np.zeros((1, 1)), 1, label)[0, 0])
     return tables.read_at_rows(data, label)[tables.unknowns.row_of_unknown]
 
 
-def _diffusivity(tables: Discretization, data: Data) -> Floats:
+def _extrapolated_diffusivity(tables: Discretization, data: Data) -> Floats:
     """Return the diffusivity a (rows,) at all rows of E, extrapolated across boundaries and past edges.
 
     A diffusivity continued as a constant would be wrong by O(spacing) where the flux is not zero, and so would be the
@@ -229,10 +230,9 @@ def _add_log_terms(values: Floats, formula: RowFormula, log_at: Callable[[Floats
 def _advection_weights(tables: Discretization, velocity: VectorField, diffusive: Floats) -> Floats:
     """Return the weights (n, 2 d) of the difference neighbours in ``spacing^2 v . grad u``, by central differences.
 
-    ``diffusive`` (n, 2 d) are the weights of diffusion; neighbours are in the order of :func:`cross_offsets`.
-
-    Raises InputError if the velocity has the wrong number of coordinates. Raises ResolutionError if advection over one
-    spacing is more than twice as strong as diffusion: the solution would oscillate.
+    ``diffusive`` (n, 2 d) are the weights of diffusion; neighbours are in the order of :func:`cross_offsets`. Raises
+    InputError if the velocity has not d coordinates. Raises ResolutionError if at an unknown advection over one spacing
+    is more than twice as strong as diffusion: the solution would oscillate.
     """
     spacing, dim = tables.layout.lattice.spacing, tables.layout.lattice.dim
     v = tables.read_at_rows(velocity, "the velocity", None)[tables.unknowns.row_of_unknown]

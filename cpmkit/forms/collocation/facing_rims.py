@@ -40,10 +40,10 @@ PAST_RIM_SPACINGS = 0.05
 
 
 def find_narrowest_gap(surface: LocalSource, band: Band, lattice: Lattice) -> list[UnresolvedPlace]:
-    """Return a list with the narrowest gap in front of a rim of the manifold; it is empty if there is no gap.
+    """Return a list with the narrowest gap, of up to 6 spacings, in front of a rim of the manifold, or [] without any.
 
-    A gap that stencils bridge is preferred, unless it is that of a notch or a small hole of a surface, and is of kind
-    "gap"; all others are of kind "opening". The number of queries grows with the length of the rims, from none.
+    The narrowest gap that stencils bridge is preferred, unless it is that of a notch or a small hole of a surface, and
+    is of kind "gap"; others are of kind "opening". The number of queries grows with the length of the rims, from none.
     """
     past = np.flatnonzero(band.feet.edge >= 0)
     if not len(past):
@@ -110,7 +110,7 @@ def _find_gaps(surface: LocalSource, rim: Floats, outward: Floats, spacing: floa
 
 
 def _is_on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
-    """Return whether (k,) each of ``rim`` (k, d) is in a chain of near points of its ``loop`` (k,) over 6 spacings."""
+    """Return whether (k,) each point of ``rim`` (k, d) is in a chain of near ones of its ``loop`` 6 spacings across."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -128,7 +128,7 @@ def _is_on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
 def find_rim_strips(
     boundaries: Sequence[BoundaryOnLattice], surface: LocalSource, band: Band, lattice: Lattice
 ) -> list[UnresolvedPlace]:
-    """Return a place, "on rim" or "rim strip", for each boundary that runs along a rim within a spacing of it."""
+    """Return a place, "on rim" or "rim strip", for each boundary with sides that runs within a spacing along a rim."""
     from scipy.spatial import cKDTree
 
     h, past, strips = band.spacing, np.flatnonzero(band.feet.edge >= 0), []

@@ -127,7 +127,7 @@ class Collocation(Reader):
         return np.asarray(stiffness.datum_load(self._sum_data(data, time)))
 
     def _sum_data(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:
-        """Return the sum (rows, channels) of the terms ``data`` at ``time`` in each row of E."""
+        """Return the vector (rows, channels) of the boundary ``data`` in the rows of E, as :func:`sum_of_data`."""
         return sum_of_data(data, self.tables.extension.shape[0], self.scene.channels, time)
 
     def boundary_mass(self, stiffness: Any) -> BoundaryMass | None:
@@ -248,7 +248,6 @@ class Collocation(Reader):
 
     @cached_property
     def _joint_warnings(self) -> list[str]:
-        """The warnings about places where parts of different dimension meet."""
         return mixed_joint_warnings(self.scene.surface, self.spacing)
 
     @cached_property

@@ -202,7 +202,7 @@ def check_waves(scene: Scene, layout: Layout) -> None:
 #: Normals that turn by more than this (radians) over one spacing are a sharp bend: on a radius of 3 spacings the
 #: solution is off by half a percent of its range.
 SHARP_TURN_RADIANS = 1 / 3
-#: Least share of the nodes with sharp turns, and of the stencils that read another sheet, that give a warning.
+#: Least share of the pairs of neighbours with sharp turns, and of stencils that read another sheet, for a warning.
 SHARP_SHARE = 5e-3
 #: Neighbours whose normals have a smaller cosine than this are on different sheets or flanks; feet of neighbours
 #: farther apart than this many spacings do not determine the curvature between them.
@@ -212,7 +212,7 @@ OFF_SURFACE_SPACINGS = 0.5
 
 
 def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:
-    """Return all warnings about a layout: its manifold, lattice, bends, sheets, rims and boundaries."""
+    """Return the warnings about a layout: its manifold, lattice, bends, sheets, rims and boundaries."""
     spacing = layout.lattice.spacing
     advice = advice_of(layout.surface.source, spacing)
     pairs = zip(layout.boundaries.definitions, layout.boundaries.on_lattice, strict=True)
@@ -239,7 +239,11 @@ def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
 
 
 def sharp_bend_warnings(layout: Layout, spacing: float) -> list[str]:
-    """Return a list with a warning if the surface has creases or bends too sharply for ``spacing``; else empty."""
+    """Return a list with a warning if a hypersurface has creases or bends too sharply for ``spacing``, or [].
+
+    That is so if normals turn sharply between 0.5 percent of the pairs of neighbouring nodes with comparable normals.
+    Other manifolds are not examined.
+    """
     if layout.surface.manifold_dim != layout.surface.dim - 1:
         return []
     band, directions = layout.band, foot_directions(layout.band)
@@ -263,7 +267,7 @@ def sharp_bend_warnings(layout: Layout, spacing: float) -> list[str]:
 
 
 def _mixed_sheet_warnings(layout: Layout) -> list[str]:
-    """Return a list with a warning if many stencils read nodes of another sheet; else an empty list."""
+    """Return a list with a warning if over 0.5 percent of the stencils read nodes of another sheet, or []."""
     sheets, band = layout.band.sheets, layout.band
     if sheets is None or len(sheets.mixed) <= SHARP_SHARE * band.inner:
         return []

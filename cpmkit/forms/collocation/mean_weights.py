@@ -127,7 +127,8 @@ def _tail_weights(beyond: Floats) -> Floats:
 def mean_matrix(tables: Discretization, count: int, component: Ints) -> tuple[SparseMatrix, Ints, Ints]:
     """Return the matrix (count, n) of means over components, the unknowns (m,) on them, and their components (m,).
 
-    ``component`` (n,) is that of each unknown, from 0 to ``count`` - 1, or -1 for unknowns on none.
+    ``component`` (n,) is that of each unknown, from 0 to ``count`` - 1, or -1 for unknowns on none. Where unknowns past
+    ends take too much weight away, the mean is the plain one over the component's nodes.
     """
     from scipy.sparse import csr_array
 
@@ -158,7 +159,7 @@ def with_smooth_means(tables: Discretization, border: Border) -> Border:
 def describe_imbalances(
     tables: Discretization, scene: Scene, operator: Bordered, imbalances: Iterable[Imbalance]
 ) -> tuple[Imbalance, ...]:
-    """Return ``imbalances``, one a piece of the border, with their fields size, explained, near, share, bounded_by set.
+    """Return ``imbalances``, one a piece of the border, with new fields size, explained, near, share and bounded_by.
 
     The lowest order of the conditions, 1 or 2, decides how large an imbalance the spacing explains.
     """

@@ -28,8 +28,7 @@ class FluxRows:
 
     law: Nonlinear  #: The law of the flux.
     datum: BoundaryData  #: The rows, their factors F, and the points where u is read.
-    #: (rows, unknowns): interpolates u at the boundary, in each row from the side that the row continues.
-    reads: SparseMatrix
+    reads: SparseMatrix  #: (rows, unknowns): interpolates u at the boundary, on the side that each row continues.
     rest: SparseMatrix  #: (rows, unknowns): R; in rows that read several points, equal to ``reads``.
     half: Floats  #: (k,): F0 / F: 1/2 at order 2, 1 at order 1, and 0 for rows that read several points.
 
@@ -88,9 +87,7 @@ def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: S
     """Return the tables with each flux replaced by its tangent ``du/db = j(v) + j'(v) (u - v)``.
 
     ``seen`` has for each flux v (k,), u at its points. A flux whose j'(v) is zero becomes a Neumann law, else a Robin
-    law.
-
-    Raises ResolutionError if a flux grows with u so strongly that the spacing is too coarse.
+    law. Raises ResolutionError if a flux grows with u so strongly that the spacing is too coarse.
     """
     from scipy.sparse import diags_array
 

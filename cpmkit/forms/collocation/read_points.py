@@ -67,10 +67,11 @@ class Reader(Discretized):
     def conormal_derivative(
         self, values: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
-        """Return du/db (k, channels) at points (k, d) near a ``side`` of a boundary, or near the edge without these.
+        """Return du/db (k, channels) at the points of a boundary nearest to points (k, d), on its ``side``.
 
         ``values`` (unknowns, channels) are u. The conormal b points out of ``side``: it is -v on the left and +v on the
-        right, where v points to the left; at the edge it points outwards. InputError if a point is too far to be read.
+        right, where v points to the left. If ``boundary`` or ``side`` is None, points must be near the edge, where b
+        points outwards. InputError if a point is too far to be read.
         """
         surface, local = self.tables.layout.surface, self.to_local_points(points)
         if boundary is None or side is None:
@@ -117,7 +118,7 @@ class Reader(Discretized):
         return feet
 
     def side_views(self, local: Floats, sides: Mapping[int, Side]) -> list[SideView]:
-        """Return for each boundary distances and sides of the points ``local`` (k, d), on the manifold, near it.
+        """Return for each boundary the distances and sides of those points ``local`` (k, d) of the manifold near it.
 
         Points on boundary j count to the side ``sides[j]``, if given, else to the left.
         """
@@ -133,7 +134,7 @@ class Reader(Discretized):
         return views
 
     def to_local_points(self, points: Any) -> Floats:
-        """Return ``points`` (k, d) relative to the lattice's origin; InputError if they are no such finite array."""
+        """Return ``points`` (k, d) of the scene relative to the lattice's origin; InputError if they are not finite."""
         return self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim))
 
     def side_numbers(self, side: Sides) -> dict[int, Side]:

@@ -48,9 +48,10 @@ class BoundaryData:
 
 
 def sum_of_data(data: Iterable[BoundaryData], rows: int, channels: int, time: float | None = None) -> Floats:
-    """Return the sum (rows, channels) of the terms ``data`` in each of ``rows`` rows, 0 without terms.
+    """Return the vector (rows, channels) that is added to E u: in each row of E the sum of its boundary ``data``.
 
-    ``time`` is None for problems without time. Raises InputError as :func:`evaluate_data`.
+    Each is multiplied by its factor; rows without data are 0. ``time`` is None for problems without time. Raises
+    InputError as :func:`evaluate_data`.
     """
     total = np.zeros((rows, channels))
     for datum in data:
@@ -69,8 +70,7 @@ class ExtraPoint:
     #: For each boundary, the distances and sides of the points near it; their rows number the points.
     side_views: Sequence[SideView] = ()
     owner: int = -1  #: The boundary whose ghosts read the points; -1 for nodes.
-    #: The surface's records of the points; given where several of its sheets share the band.
-    feet: ClosestPoints | None = None
+    feet: ClosestPoints | None = None  #: The surface's records of the points; given where its sheets share the band.
 
     def renumber(self, numbers: Ints) -> ExtraPoint:
         """Return the points, without side views, with row k renumbered to ``numbers[k]``; rows with -1 are dropped."""
@@ -87,15 +87,14 @@ class RowFormula:
     coefficient: Floats  #: (n,): factors of u there.
     data: Sequence[BoundaryData] = ()  #: Terms of boundary data.
     terms: Sequence[ExtraPoint] = ()  #: Further points that some rows read.
-    #: The surface's records of the points; given where several of its sheets share the band.
-    feet: ClosestPoints | None = None
+    feet: ClosestPoints | None = None  #: The surface's records of the points; given where its sheets share the band.
 
     def __len__(self) -> int:
         return len(self.points)
 
 
 def extrapolation_weights(nodes: Floats, at: Floats) -> Floats:
-    """Return the Lagrange weights (n, m) that extrapolate values at distances ``nodes`` (n, m) to those ``at`` (n,)."""
+    """Return the Lagrange weights (n, m) by which values at distances ``nodes`` (n, m) give that at ``at`` (n,)."""
     count = nodes.shape[1]
     weights = np.ones_like(nodes)
     for k in range(count):

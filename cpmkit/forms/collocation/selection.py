@@ -28,8 +28,7 @@ class Centres:
 
     #: For each boundary, the distances and sides of the centres near it; their rows are numbers of stencils.
     side_views: Sequence[SideView]
-    #: (n,): the boundary whose ghost the stencil belongs to; -1 for the stencil of a node or of any other point.
-    owner: Ints
+    owner: Ints  #: (n,): the boundary whose ghost the stencil belongs to; -1 for that of a node or of any other point.
     #: The surface's closest point records of the centres; needed where several of its sheets share the band.
     feet: ClosestPoints | None = None
     normals: Floats | None = None  #: (n, d): unit normals of the surface at the centres, NaN where not computed yet.

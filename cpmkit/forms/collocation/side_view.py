@@ -75,8 +75,7 @@ class BoundaryOnLattice:
     """An oriented boundary, snapped to the manifold, which decides on which side points are."""
 
     oriented: OrientedBoundary  #: The boundary with the definition of its left, relative to the lattice's origin.
-    #: Largest distance of the boundary's samples from the manifold: the boundary is moved by up to this distance.
-    gap: float
+    gap: float  #: Largest distance of the boundary's samples from the manifold, by which it is moved at most.
     samples: Floats  #: (s, d): points of the boundary, ``spacing`` apart or less.
     spacing: float  #: Spacing of the lattice.
     #: Given where the manifold has several sheets in one band: a point then sees only the boundary on its own sheet.

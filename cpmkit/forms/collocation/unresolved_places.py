@@ -21,8 +21,7 @@ from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.types import SIDES, Bools, Floats
 
-#: Boundaries nearer than this many spacings enclose a strip that is too narrow for a stencil; one closes an open end of
-#: another.
+#: Boundaries nearer than this many spacings enclose a strip too narrow for a stencil; one closes another's open end.
 STRIP_SPACINGS = 1.0
 #: Boundaries meet where they are within this many spacings, and around a crossing of four different values the solution
 #: is off within as many (by the jump; outside twice that it is of order 1 to 2).
@@ -186,17 +185,17 @@ def _largest_jump(first: Boundary, second: Boundary, point: Floats, channels: in
 def find_mixed_sides(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
 ) -> list[UnresolvedPlace]:
-    """Return the tips and flanks where stencils mix sides with different conditions; see :func:`find_meetings`."""
+    """Return the tips and flanks of boundaries (not points) whose sides have different conditions, at ``time``."""
     places: list[UnresolvedPlace] = []
     for number, (boundary, on_lattice) in enumerate(zip(boundaries.definitions, boundaries.on_lattice, strict=True)):
         alike = same_condition(boundary.condition("left"), boundary.condition("right"))
         if on_lattice.has_sides and on_lattice.oriented.dimension > 1 and not alike:
-            places += _tips(number, boundaries, lattice, channels, time)
-            places += _flanks(number, boundaries, lattice)
+            places += _find_tips(number, boundaries, lattice, channels, time)
+            places += _find_flanks(number, boundaries, lattice)
     return places
 
 
-def _tips(
+def _find_tips(
     number: int, boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None
 ) -> list[UnresolvedPlace]:
     """Return one record, or none, of the boundary's open ends at which it prescribes different values on its two sides.
@@ -223,7 +222,7 @@ def _tips(
     return []
 
 
-def _flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[UnresolvedPlace]:
+def _find_flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[UnresolvedPlace]:
     """Return a list of at most one place where a boundary faces itself and feet of near nodes jump between its flanks.
 
     ``number`` is the boundary's. The search is among its points nearest to nodes, for any position of the lattice.

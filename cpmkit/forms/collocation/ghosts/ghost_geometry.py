@@ -156,8 +156,9 @@ class GhostGeometry:
     def side_views(self, rows: Ints, points: Floats, radius: float, own_side: bool = False) -> list[SideView]:
         """Return for each boundary the distances and sides of ``points`` (k, d) that the ghosts ``rows`` (k,) read.
 
-        They are the points within ``radius`` of it, in the scene's unit; for the ghosts' own boundary all points, on
-        the side that the ghosts continue, or with ``own_side`` on their node's.
+        The view of another boundary has the points within ``radius`` of it, in the scene's unit. That of the ghosts'
+        own has k rows with the feet and distances of their nodes, not of the points, and the side that the ghosts
+        continue, or with ``own_side`` that of their nodes.
         """
         seen, sign = self.seen.take(rows), 1.0 if own_side else -1.0
         own = replace(seen, rows=np.arange(len(rows)), director=sign * seen.director, signed=sign * seen.signed)
@@ -215,7 +216,7 @@ def ghost_sources(geometry: GhostGeometry) -> RowFormula:
     points, complete = points_at_two_steps(boundary, seen.foot, geometry.start, geometry.direction, step)
     rows = np.flatnonzero(complete)
     complete[rows[is_beyond_other_boundary(geometry, rows, points[-1].points[rows], 2 * len(points) * step)]] = False
-    return _extrapolation(just_inside, points, complete, np.zeros(len(just_inside)))
+    return _extrapolation_formula(just_inside, points, complete, np.zeros(len(just_inside)))
 
 
 def node_sources(
@@ -235,7 +236,7 @@ def node_sources(
     reach = 2 * len(points) * step
     for other in others:
         complete &= other.source.closest_point(side_view.foot).distance > reach
-    return _extrapolation(just_inside, points, complete, np.abs(side_view.signed) / step)
+    return _extrapolation_formula(just_inside, points, complete, np.abs(side_view.signed) / step)
 
 
 def points_at_two_steps(
@@ -254,7 +255,7 @@ def points_at_two_steps(
     return points, complete
 
 
-def _extrapolation(just_inside: Floats, points: list[ClosestPoints], complete: Bools, at: Floats) -> RowFormula:
+def _extrapolation_formula(just_inside: Floats, points: list[ClosestPoints], complete: Bools, at: Floats) -> RowFormula:
     """Return the formula that extrapolates data linearly from ``points`` at 1 and 2 steps to ``at`` (n,) steps.
 
     Rows that are not ``complete`` read the single point ``just_inside``.

@@ -78,11 +78,12 @@ def build_ghosts(
 ) -> Ghosts:
     """Return the ghosts of boundary ``index`` for conditions of this ``order``.
 
-    A node has a ghost if it is within the reach of a stencil from the boundary, and the boundary's point nearest to its
-    closest point is no open end. ``mirrored`` is the formula of the band's nodes, which read one point each. Raises
-    InputError or ResolutionError as :func:`checked_beta` and :func:`coefficient_and_factor` do.
+    A node has a ghost if it is within the reach of a stencil from the boundary, or a spacing farther (then it is no
+    unknown), and the boundary's point nearest to its closest point is no open end. ``mirrored`` is the formula of the
+    band's nodes, which read one point each. Raises InputError or ResolutionError as :func:`checked_beta`,
+    :func:`coefficient_and_factor` and :func:`conductivities` do.
     """
-    geometry, unknowns = _geometry(index, boundaries, band, lattice, mirrored)
+    geometry, unknowns = _ghost_geometry(index, boundaries, band, lattice, mirrored)
     rows, own_terms, coupled, orders, at_one_point = ghost_formula(geometry, order)
     radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
     terms = [geometry.with_side_views(term, radius) for term in rows.terms]
@@ -102,7 +103,7 @@ def build_ghosts(
     )
 
 
-def _geometry(
+def _ghost_geometry(
     index: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice, mirrored: RowFormula
 ) -> tuple[GhostGeometry, int]:
     """Return the geometry of the ghosts of boundary ``index``, and the number of them that are unknowns, the first."""
@@ -113,7 +114,7 @@ def _geometry(
     if boundary.has_sides and not coupled and (band.feet.edge[seen.rows] >= 0).any():
         seen, places, past_edge = view_nodes_past_edge(boundary, band, seen, boundaries.behind)
         foot_point = np.where(past_edge[:, None], places, foot_point)
-    direction = _directions(seen, foot_point, band.spacing)
+    direction = _directions_across(seen, foot_point, band.spacing)
     feet = None if mirrored.feet is None else mirrored.feet.take(seen.rows)
     return GhostGeometry(index, boundaries, lattice, seen, foot_point, direction, past_edge, feet), unknowns
 
@@ -129,8 +130,8 @@ def _ghost_nodes(boundary: BoundaryOnLattice, side_view: SideView, band: Band) -
     return side_view.take(np.concatenate([rows[unknown], rows[~unknown]])), int(unknown.sum())
 
 
-def _directions(side_view: SideView, foot_point: Floats, spacing: float) -> Floats:
-    """Return unit vectors (g, d) from ``foot_point`` (g, d) towards the boundary and across it."""
+def _directions_across(side_view: SideView, foot_point: Floats, spacing: float) -> Floats:
+    """Return unit vectors (g, d) from ``foot_point`` (g, d) towards the boundary; where it is on it, across it."""
     touching = side_view.distance < ON_BOUNDARY_SPACINGS * spacing
     length = np.where(touching, 1.0, side_view.distance)[:, None]
     across = -np.sign(np.nan_to_num(side_view.signed))[:, None] * side_view.conormal
@@ -172,7 +173,7 @@ def ghost_formula(
 
     They are without the edge's conditions. A ghost whose mirror point is beyond another boundary is of order 1.
 
-    Returned ``rows``: the formulas, with points on the side that the ghosts continue.
+    Returned ``rows``: the formulas, a row for each ghost, with points on the side that the ghosts continue.
     Returned ``own_terms``: points that are read on the ghosts' own side.
     Returned ``coupled``: ghosts of a transmission that read several points.
     Returned ``orders`` (g,): order of each ghost, lower than the condition's where there is no room for it.

@@ -84,11 +84,13 @@ def rim_corners(
     for m in range(2, surface.dim + 1):
         rows = np.flatnonzero(dimension == m)
         if len(rows):
-            corners.append(_corners(surface, feet.take(rows), beyond[rows], outward[rows], spacing, rows))
+            corners.append(
+                _corners_of_one_dimension(surface, feet.take(rows), beyond[rows], outward[rows], spacing, rows)
+            )
     return [part for part in corners if len(part.rows)]
 
 
-def _corners(
+def _corners_of_one_dimension(
     surface: LocalSource, feet: ClosestPoints, beyond: Floats, outward: Floats, spacing: float, rows: Ints
 ) -> RimCorners:
     """Return the corners among the k ``feet`` of the nodes ``rows`` (k,), as :func:`rim_corners`, of one dimension."""
@@ -126,8 +128,7 @@ def _rim_tangents(surface: LocalSource, feet: ClosestPoints, outward: Floats, sp
     return np.asarray(np.concatenate([directions, -directions], axis=1))
 
 
-#: Name of an edge in errors.
-EDGE_CONDITION = "the edge's condition"
+EDGE_CONDITION = "the edge's condition"  #: Name of an edge in errors.
 
 
 def node_formulas(
