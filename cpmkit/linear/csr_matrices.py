@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,8 @@ from cpmkit.types import Floats, SparseMatrix
 
 #: Least entries of a matrix whose products use all threads: starting them takes as long as one or two such products.
 MIN_SHARED_ENTRIES = 1 << 22
+#: Number of entries of a matrix in a parcel of rows: a few milliseconds of work for a thread.
+PARCEL_ENTRIES = 1 << 19
 
 
 def uses_threads(entries: int) -> bool:
@@ -132,57 +133,3 @@ class SymmetricCsr:
         out = np.zeros(x.T.shape)
         subtract_product(self.pointers, self.columns, self.entries, np.ascontiguousarray(x.T), out)
         return np.ascontiguousarray(np.negative(out, out=out).T)
-
-
-#: Number of entries of a matrix in a parcel of rows: a few milliseconds of work for a thread.
-PARCEL_ENTRIES = 1 << 19
-
-
-@dataclass(frozen=True, eq=False)
-class ThreadedProduct:
-    """A ``matrix`` (n, m) whose products with vectors run on all threads, with exactly the results of SciPy.
-
-    Its rows should have about the same number of entries each.
-    """
-
-    matrix: SparseMatrix
-
-    @cached_property
-    def rows(self) -> int:
-        """The number of rows of a parcel."""
-        per_row = max(self.matrix.nnz // max(self.matrix.shape[0], 1), 1)
-        return int(max(PARCEL_ENTRIES // per_row, 1))
-
-    @cached_property
-    def blocks(self) -> list[SparseMatrix]:
-        """The blocks of rows of the matrix, one for each parcel, which share its memory."""
-        from scipy.sparse import csr_array
-
-        matrix, blocks = self.matrix, []
-        for start in range(0, matrix.shape[0], self.rows):
-            pointers = matrix.indptr[start : start + self.rows + 1]
-            entries = slice(pointers[0], pointers[-1])
-            block = csr_array((len(pointers) - 1, matrix.shape[1]), dtype=matrix.dtype)
-            # The constructor would copy the arrays, and there would be two matrices in memory.
-            block.data, block.indices = matrix.data[entries], matrix.indices[entries]
-            block.indptr = pointers - pointers[0]
-            blocks.append(block)
-        return blocks
-
-    def __matmul__(self, x: Floats) -> Floats:
-        """Return the product with ``x`` (m,) or (m, k)."""
-        return self.product(x, lambda *block: block[-1])
-
-    def product(self, x: Floats, finish: Callable[[int, int, Floats], Floats]) -> Floats:
-        """Return the product with ``x`` (m,) or (m, k), each block of rows replaced by ``finish(start, stop, rows)``.
-
-        ``rows`` is the product's block of the rows ``start`` to ``stop`` - 1; ``finish`` returns an array of its shape,
-        and is called on several threads, while the block is still in the cache.
-        """
-        result = np.empty((self.matrix.shape[0], *x.shape[1:]))
-
-        def multiply(start: int, stop: int) -> None:
-            result[start:stop] = finish(start, stop, self.blocks[start // self.rows] @ x)
-
-        run_parcels(multiply, len(result), self.rows)
-        return result

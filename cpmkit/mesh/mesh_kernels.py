@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.runtime.compilation import compiled
-from cpmkit.runtime.index_sets import find_root, unite
+from cpmkit.runtime.index_sets import find_root, label_sets, unite
 from cpmkit.types import Bools, Floats, Ints
 
 #: Where the sum of the weights of edges beyond an end is below this, the surface ends there: on rims.
@@ -71,16 +71,7 @@ def join_corners(cells: Ints, of_cells: Ints, barred: Bools) -> Ints:
             p, q = q, p
         unite(parent, 3 * cell + a, 3 * other + p)
         unite(parent, 3 * cell + b, 3 * other + q)
-    number = np.empty((len(cells), 3), np.int64)
-    components = 0
-    for place in range(3 * len(cells)):
-        root = find_root(parent, place)
-        if root == place:
-            number[place // 3, place % 3] = components
-            components += 1
-        else:  # the root of a component is its first corner
-            number[place // 3, place % 3] = number[root // 3, root % 3]
-    return number
+    return label_sets(parent)[1].reshape(cells.shape)
 
 
 @compiled

@@ -17,6 +17,7 @@ def test_products_are_those_of_the_matrix_on_any_number_of_threads(monkeypatch, 
     wanted = whole.apply(x)
     np.testing.assert_allclose(wanted, whole.to_csr() @ x, atol=1e-11 * np.abs(wanted).max())
     monkeypatch.setattr("cpmkit.linear.csr_matrices.PARCEL_ENTRIES", 500)
+    monkeypatch.setattr("cpmkit.linear.csr_matrices.MIN_SHARED_ENTRIES", 0)
     for threads in ("1", "2", "5"):
         monkeypatch.setenv("CPMKIT_THREADS", threads)
         np.testing.assert_array_equal(form.with_scene(scene).stiffness(scene.problem.terms()).apply(x), wanted)

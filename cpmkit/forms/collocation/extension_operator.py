@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.ghosts.ghosts import Ghosts
 from cpmkit.forms.collocation.row_formula import RowFormula
 from cpmkit.grid.band import cross_offsets
-from cpmkit.linear.csr_matrices import ThreadedProduct
+from cpmkit.linear.csr_matrices import UnsignedCsr
 from cpmkit.linear.operators import Operator, connected_unknowns
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms, VectorField
@@ -57,32 +56,25 @@ class ExtensionOperator:
 
     def apply(self, u: Floats) -> Floats:
         """Return A u for u (n,) or (n, channels)."""
-
-        def subtract_from_diagonal(start: int, stop: int, rows: Floats) -> Floats:
-            return np.asarray(self._diagonal(slice(start, stop), u) * u[start:stop] - self.scale * rows)
-
-        return self._differences.product(self._extension @ u, subtract_from_diagonal)
+        columns = np.ascontiguousarray(u.reshape(len(u), -1))
+        product = self._differences.apply(self._extension.apply(columns))
+        return np.asarray(self.diagonal * columns - self.scale * product).reshape(u.shape)
 
     def apply_rows(self, u: Floats, rows: Ints) -> Floats:
         """Return the entries ``rows`` (r,) of A u, u (n,) or (n, channels), from only the entries of E u they need."""
         read = self.differences[rows]
         columns = np.unique(read.indices)
         product = read[:, columns] @ (self.extension[columns] @ u)
-        return np.asarray(self._diagonal(rows, u) * u[rows] - self.scale * product)
-
-    def _diagonal(self, rows: Any, u: Floats) -> Any:
-        """Return the diagonal at ``rows``, (r,) or a slice: a number, (r,) for u (n,), (r, 1) for u (n, channels)."""
-        if not isinstance(self.diagonal, np.ndarray):
-            return self.diagonal
-        return self.diagonal[rows, 0] if u.ndim == 1 else self.diagonal[rows]
+        diagonal = np.broadcast_to(np.ravel(self.diagonal), self.size)[rows].reshape(-1, *(1,) * (u.ndim - 1))
+        return np.asarray(diagonal * u[rows] - self.scale * product)
 
     @cached_property
-    def _extension(self) -> ThreadedProduct:
-        return ThreadedProduct(self.extension)
+    def _extension(self) -> UnsignedCsr:
+        return UnsignedCsr.from_matrix(self.extension)
 
     @cached_property
-    def _differences(self) -> ThreadedProduct:
-        return ThreadedProduct(self.differences)
+    def _differences(self) -> UnsignedCsr:
+        return UnsignedCsr.from_matrix(self.differences)
 
     def datum_load(self, datum: Floats) -> Floats:
         """Return ``scale W datum`` (n, channels), the right-hand side of a datum (rows, channels) added to E u."""
