@@ -218,7 +218,7 @@ def estimated_node_count(blocks: int, side: int, dim: int, manifold_dim: int, de
 def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
     """Return ``spacing`` as a float if it is a finite number above zero.
 
-    Raises InputError if it is not; if it is None, with a suggestion, or an error, of :func:`suggest_spacing`.
+    Raises InputError if it is not; for None the message suggests a spacing, or :func:`suggest_spacing` raises.
     """
     if spacing is None:
         raise InputError(
@@ -282,7 +282,7 @@ def bytes_per_unknown(
     """Return the bytes of tables and vectors for each unknown of a band, at the peak of a solve.
 
     ``dim``, ``degree`` and ``channels`` are the dimension of the space, the degree of the interpolation and the number
-    of right-hand sides, ``rows`` the rows of the extension E for each unknown, by default the usual number. With
+    of right-hand sides, ``rows`` the number of rows of the extension E for each unknown, by default the usual. With
     ``solver`` "direct" the matrix and its factors count in place of the vectors; other solvers count alike.
     """
     stencil: int = (degree + 1) ** dim

@@ -33,7 +33,7 @@ class Orientation:
     def orient_directions(self, points: Floats, directions: Floats) -> Floats:
         """Return ``directions`` (n, d) at ``points`` (n, d), with the signs of the nearest samples, if there are any.
 
-        Of the six nearest (or all), that whose direction, moved along the chord, is most nearly parallel decides.
+        Of up to six nearest, the sample whose direction, moved along the chord, is most nearly parallel decides.
         """
         if self.points is None or self.directions is None or not len(points):
             return directions
@@ -132,7 +132,7 @@ class Chain(NamedTuple):
 
 
 def link_chains(points: Floats, tangents: Floats, conormals: Floats, reach: float) -> list[Chain]:
-    """Return the chains of ``points`` (n, d), in either direction along each curve that passes through them.
+    """Return the chains of ``points`` (n, d), n > 0, in either direction along each curve that passes through them.
 
     Two points are linked if each is the other's next point: the nearest within ``reach`` that lies ahead or behind,
     with sideways distance weighted more, and with its conormal to the same side. Branches that cross, parallel arms and

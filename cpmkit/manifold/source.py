@@ -36,7 +36,7 @@ class Rows:
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        """Return one table of the records of ``parts``, not none, in order; a field that is None in a part is None."""
+        """Return one table of the records of ``parts``, at least one, in order; a field None in a part is None."""
 
         def concatenate(column: list[Any]) -> Any:
             """Return the parts of one column joined; None if a part is None."""

@@ -17,8 +17,8 @@ from cpmkit.types import Bools, Floats, Ints
 def jacobian(source: LocalSource, points: Floats, step: float) -> Floats:
     """Return the symmetrised Jacobian (n, d, d) of the closest point map at ``points``, by central differences.
 
-    At ``points`` (n, d) of the manifold it is the projection on the tangent space (Maerz and Macdonald 2012). The
-    differences are of closest points to queries shifted by the length ``step``.
+    At smooth ``points`` (n, d) of the manifold off its edge it is, to second order in the length ``step`` by which
+    queries are shifted, the projection on the tangent space (Maerz and Macdonald 2012).
     King et al. (2024), section 4.7, interpolates it from the nodes; here it is evaluated at the feet themselves.
     """
     ahead, behind = np.split(_feet_around(source, points, step), 2, axis=1)

@@ -80,7 +80,7 @@ def half_facets(mesh: Mesh) -> HalfFacets:
 
 
 def facets_of_two_cells(mesh: Mesh) -> tuple[Ints, Ints]:
-    """Return the facets (e,) that exactly two cells have, ascending, and where these have them, (e, 2) ascending.
+    """Return the facets (e,) that exactly two cells have, ascending, and both places (e, 2) of each, ascending.
 
     A place is a position in the array (m, k) of cells and their facets, flattened.
     """
@@ -100,7 +100,7 @@ class Rim:
     outward: Floats  #: (r, d): vectors tangent to the cell, out of it, as long as the edge; at a vertex their mean.
 
     def subset(self, chosen: Ints) -> Rim:
-        """Return the rim among the distinct edges or vertices ``chosen`` (n,); its rows are positions in ``chosen``."""
+        """Return the rim's edges or vertices among distinct ``chosen`` (n,); ``rows`` are positions in ``chosen``."""
         at = np.searchsorted(self.rows, chosen)
         rows = np.flatnonzero(np.append(self.rows, -1)[at] == chosen)
         return Rim(rows, self.outward[at[rows]])

@@ -100,7 +100,10 @@ def longest_edge(sampling: str, geometry: CellGeometry, manifold_dim: int) -> fl
 
 
 def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing: float) -> Bools:
-    """Return which cells (m,) are clipped at knot planes: triangles, with "auto" but flat ones with short edges."""
+    """Return which cells (m,) are clipped at knot planes: no segments, and none if ``sampling`` is "plain".
+
+    With "clipped" all triangles are, with "auto" all but flat ones without an edge over ``PLAIN_EDGE_SPACINGS``.
+    """
     if not is_clipped(sampling, mesh.manifold_dim):
         return np.zeros(len(mesh.cells), dtype=bool)
     if sampling == "clipped" or geometry != "flat":
@@ -113,8 +116,7 @@ def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
 
     The moment of a piece is its area times its squared length, in spacings. The limit is zero for triangles that touch
     a boundary, because little of a lattice cell may lie on one side of it; for flat triangles in the plane of a
-    neighbour, or with an edge that belongs to one triangle or more than two; and for curved triangles that are not
-    small as a whole.
+    neighbour, or with an edge of one triangle or more than two; and for curved triangles that are not small as a whole.
     """
     if mesh.midpoints is None:
         a, b, c = (mesh.vertices[mesh.cells[:, k]] for k in range(3))

@@ -109,7 +109,7 @@ class Mesh:
         return cls(vertices, cells, midpoints, none.reshape(0, cells.shape[1] - 1), none, none.astype(bool))
 
     def with_same_cells(self, **changes: Any) -> Mesh:
-        """Return the mesh with as many other ``vertices``, ``midpoints`` or facets ``cut``; connectivity is shared."""
+        """Return the mesh with as many other ``vertices``, or other ``midpoints`` or facets; connectivity is shared."""
         mesh = replace(self, **changes)
         mesh.__dict__["connectivity"] = self.connectivity  # in the place where cached_property stores it
         return mesh

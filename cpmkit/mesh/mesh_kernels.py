@@ -172,7 +172,7 @@ def edge_supports(
     """Return the ratio (e,) and the height (e,) of the :class:`~cpmkit.mesh.mesh.EdgeSupport` of edges.
 
     ``vertices`` (v, d), ``ends`` (e, 2): positions, and the vertices of each edge.
-    ``normals`` (e, 2, d): unit normals at the ends of each edge. ``creased`` (v,): vertices on creases, with several.
+    ``normals`` (e, 2, d): unit normals at the ends of each edge. ``creased`` (v,): vertices on creases.
     ``first``, ``around`` (v + 1,) and (2 e,): ``around[first[v]:first[v + 1]]`` are the edges at vertex v.
     """
     count, d = len(ends), vertices.shape[1]

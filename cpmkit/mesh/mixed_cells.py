@@ -54,7 +54,7 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
 
 
 def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
-    """Return ``cells`` and their edges ``of_edges``, (m, 3), rotated to start at place ``first`` (m,), as (3, m)."""
+    """Return ``cells`` and edges ``of_edges``, (m, 3), rotated to start at place ``first`` (m,) modulo 3, as (3, m)."""
     order = (first[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
 
@@ -81,8 +81,7 @@ def member_dimensions(surface: ClosestPointSource) -> list[int]:
 def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> Ints:
     """Return those of a surface's mesh ``cells`` (n, k), padded with -1, that have dimension ``dim``, as (m, dim + 1).
 
-    Raises InputError if the mesh has cells of a dimension that no member has, such as a solid's boundary, or none of
-    this dimension.
+    Raises InputError if the mesh has cells of a dimension that no member has (a solid's boundary), or none of this one.
     """
     dimensions = {corners - 1 for corners in (1, 2, 3) if len(cells_with_corners(cells, corners))}
     if dim not in dimensions or not dimensions <= {member.manifold_dim for member in members_of(surface)}:
@@ -290,7 +289,7 @@ def _cut_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) 
 
 
 def _side_of_cells(cells: Ints, sign: Floats) -> Floats:
-    """Return the side (m,) of each cell: 1 or -1 if only this ``sign`` (v,), 0 and NaN are at its corners, else 0."""
+    """Return the side (m,) of each cell: a ``sign`` (v,), 1 or -1, at a corner, if the opposite is at none, else 0."""
     signs = np.nan_to_num(sign[cells])
     left, right = (signs > 0).any(axis=1), (signs < 0).any(axis=1)
     return np.where(left == right, 0.0, np.where(left, 1.0, -1.0))

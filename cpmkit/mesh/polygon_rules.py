@@ -28,9 +28,8 @@ LEAST_SECOND_DERIVATIVE = 1e-12
 def whiten(piece: Floats, count: int, frame: Floats, corners: Floats) -> float:
     """Fill ``corners`` (count, 2) with a polygon at centroid 0 and unit covariance; return its original area.
 
-    ``piece`` (count, 2 or more): the corners, counterclockwise. ``frame`` (5,) is filled with the transformation: the
-    centroid (x, y) and the entries (wide, skew, high) of the Cholesky factor of the covariance. Nothing is filled if
-    the area is not positive.
+    ``piece`` (count, 2 or more): the corners, counterclockwise. ``frame`` (5,) is filled with the centroid (x, y) and
+    the Cholesky factor (wide, skew, high) of the covariance. Nothing is filled if the area is not positive.
     """
     area = x = y = xx = xy = yy = 0.0
     r, s = piece[0, 0], piece[0, 1]

@@ -135,7 +135,7 @@ class _DividedEdges:
         return np.asarray(np.where(place == 0, self.ends[edge, 0], inside), dtype=np.int64)
 
     def halvings(self) -> tuple[Ints, Ints]:
-        """Return the ascending codes (k,) and middles (k,) of all divided edges, their halves, quarters and so on."""
+        """Return ascending codes (:func:`_edge_codes`) and middles (k,) of divided edges, their halves and so on."""
         codes, middles = [], []
         for level in range(int(self.levels.max())):
             edges = np.flatnonzero(self.levels > level)
@@ -150,9 +150,10 @@ class _DividedEdges:
 
 
 def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, tuple[Ints, Ints] | None]:
-    """Return the mesh with needles cut across, and the edges halved by this, for :func:`halve_long_edges`, or None.
+    """Return the mesh with needles cut across, and the edges that this halved, as :func:`halve_long_edges` takes them.
 
-    Pieces are up to as long, and at least half as long, as the longer of ``length`` and the needle's short edge.
+    Pieces are up to as long, and at least half as long, as the longer of ``length`` and the needle's short edge. If
+    there is no needle, the mesh and None are returned.
     """
     from cpmkit.mesh import mesh_kernels
 
@@ -262,7 +263,7 @@ def _half_integer_crossings(start: Floats, end: Floats) -> tuple[Ints, Floats, I
 def _shares_on_curve(
     source: LocalSource, start: Floats, end: Floats, axis: Ints, plane: Floats, share: Floats
 ) -> Floats:
-    """Return the share (n,) of each chord whose closest point on the curve lies in the chord's plane, by secants.
+    """Return the share (n,) of each chord at which its closest point on the curve lies in a plane, by secants.
 
     A plane is where coordinate ``axis`` (n,) equals ``plane`` (n,). The iteration starts from ``share`` (n,), where the
     chords from ``start`` to ``end`` (n, d) cross the planes.

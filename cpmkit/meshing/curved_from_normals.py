@@ -165,8 +165,7 @@ def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> EdgeSupport:
 def own_edge_support(source: LocalSource) -> EdgeSupport | None:
     """Return how well the surface beyond the ends of each edge of a source's own mesh agrees with the bend along it.
 
-    It is computed once and cached. None for a source whose mesh depends on the spacing, or was not made yet
-    (:func:`mesh_cache_of`).
+    It is computed once and cached. None for a source whose mesh depends on the spacing, or was not made yet.
     """
     cache = mesh_cache_of(source)
     if cache is None:

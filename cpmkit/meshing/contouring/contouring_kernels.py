@@ -79,8 +79,8 @@ def nearest_pairs(start: Ints, member: Ints, points: Floats, group: Ints, pairs:
 def remove_flap_triangles(candidates: Ints, of: Ints, count: Ints, on_rim: Bools, alive: Bools) -> int:
     """Set ``alive`` to False for flaps among the triangles ``candidates`` (c,) until none is left; return their number.
 
-    A flap has two open edges off rims; or an open edge off rims, or two open edges, and an edge of three triangles or
-    more. Flaps with most open edges go first. ``count`` (e,), the number of triangles of each edge, ``alive`` (m,) and
+    A flap has two open edges off rims; or an edge of three triangles or more, and one open edge off rims or two open
+    edges. Flaps with most open edges go first. ``count`` (e,), the number of triangles of each edge, ``alive`` (m,) and
     ``on_rim`` (e,) are updated; ``of`` (m, 3) are the edges of triangles. Edges that become open count as on a rim.
     """
     removed = 0

@@ -238,8 +238,8 @@ def polylines_of_source(source: LocalSource, length: float) -> list[Polyline] | 
 def refine_polyline(source: LocalSource, line: Polyline, length: float) -> Polyline:
     """Return a polyline with chords halved at points of the curve until their middles are within .002 ``length`` of it.
 
-    A closest point farther than .3 chords from the middle lies on another branch, and does not count. A chord is halved
-    twelve times at most.
+    A closest point farther than .3 chords from the middle is on another branch, and does not count. A chord is halved
+    up to twelve times, and may then leave the curve by more.
     """
     points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
     fresh = np.ones(len(points) - 1, dtype=bool)
