@@ -248,8 +248,8 @@ def flip_chords(mesh: Mesh) -> Mesh:
 def flip_third_edges(mesh: Mesh, thin: Ints, lead: Ints) -> Mesh:
     """Return the triangles; where two edges of one of ``thin`` (k,) lie nearly in line, its third edge is flipped.
 
-    The two edges meet at corner ``lead`` (k,). The third stays where it lies on a boundary, has not just two triangles,
-    or these form no convex quadrilateral or take part in another flip, or where the flipped edge exists already.
+    The two edges meet at corner ``lead`` (k,). The third stays if it lies on a boundary, if it does not have two
+    triangles that form a convex quadrilateral and take part in no other flip, or if the flipped edge exists already.
     """
     edges = mesh.edges
     cells, chords = _rotate_corners(mesh.cells, edges, thin, lead)

@@ -60,11 +60,11 @@ class PathFinder:
         return self.constrained.triangulation
 
     def path(self, v: int, w: int) -> list[int] | None:
-        """Return the vertices of a path over edges from v to w, both included; None if all paths are long detours.
+        """Return the vertices of a path over edges from v to w, both included; None if no path is short enough.
 
         The path is as straight as possible: in the plane of the mean normal of its ends, else through the projection of
         its middle, else in the plane of the normal at v or at w; triangles that it crosses are split. Failing these it
-        is the shortest path over existing edges, up to 6 times the distance and 12 local edge lengths.
+        is the shortest path over existing edges, of at most 6 times the distance plus 12 local edge lengths.
         """
         path, net = self._bisected_path(v, w, 4), self.triangulation
         if path is None:
@@ -161,9 +161,9 @@ class PathFinder:
         return best
 
     def path_along_boundaries(self, v: int, w: int, owners: Set[int]) -> list[int] | None:
-        """Return the vertices of the shortest path from v to w along edges of boundaries; None if it is a long detour.
+        """Return the vertices of the shortest path from v to w along edges of boundaries; None if none is short enough.
 
-        ``owners`` are the numbers of the boundaries. The path includes v and w; for long, see :meth:`_detour_length`.
+        ``owners``: the numbers of the boundaries. The path includes v and w; its limit is :meth:`_detour_length`.
         """
 
         def neighbours(vertex: int) -> list[int]:
