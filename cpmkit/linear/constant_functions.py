@@ -85,9 +85,9 @@ class ConstantFunctions:
     ) -> tuple[Any, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report whose residual is relative to ``b - A K c``.
 
-        Where rounding errors of b (n, channels) exceed ``tolerance`` times the norm of ``b - A K c``, the report's
-        residual is scaled so that ``tolerance`` corresponds to them. ``prepared`` is the solver for A, ``guess``
-        (n, channels) an initial u or None. Raises ConvergenceError as ``prepared.solve`` does.
+        It is relative to b where ``b - A K c`` is over half of it. Where rounding errors of b (n, channels) exceed
+        ``tolerance`` times the norm of ``b - A K c``, it is scaled so that ``tolerance`` corresponds to them. The
+        solver for A is ``prepared``, ``guess`` an initial u or None. Raises ConvergenceError as ``prepared.solve``.
         """
         each, at = self.pieces, self.pieces.spread_to_rows
         # By powers of two, so that squares of b neither overflow nor vanish.
@@ -125,8 +125,7 @@ class ConstantFunctions:
     def _separate_constants(self, b: Any) -> tuple[Any, Any]:
         """Return the least squares solution c (pieces, k, channels) of ``A K c = b``, and ``b - A K c`` (n, channels).
 
-        c solves the normal equations of each component for b (n, channels); a second step corrects the rounding of the
-        first.
+        c solves the normal equations of each component for b (n, channels), and once more for the rest, against rounding.
         """
         conjugate = self.images.conj()
         inverse = np.linalg.pinv(self.pieces.products(conjugate, self.images), hermitian=True)

@@ -154,7 +154,7 @@ class JacobiOrMultigrid:
     multigrid: LinearSolver
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedSolver:
-        """Return the faster iteration, chosen by row sums if the operator is symmetric, else multigrid's; raises as it.
+        """Return the faster iteration, by row sums if the operator is symmetric, else multigrid's; raises as multigrid.
 
         As A 1 = 0, the row sums of M + factor A are those of M alone, while the diagonal is the sum of both: their
         ratio determines the condition number for any unit of length, step and diffusivity. From 1/64 on, for -Lap up to

@@ -258,7 +258,10 @@ class Galerkin(EquationAssembly, Discretized):
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
-        """Return du/db (k, channels), b out of ``side``, at ``points`` (k, d) of ``boundary``, of the edge if None."""
+        """Return du/db (k, channels), b out of ``side``, at ``points`` (k, d) of ``boundary``, of the edge if None.
+
+        For a tensor A it is the derivative along A b / (b . A b). Raises InputError for points or sides not accepted.
+        """
         return self.coefficients.conormal_derivative(u, points, boundary, side, self.scene)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
@@ -300,7 +303,7 @@ class Galerkin(EquationAssembly, Discretized):
     def diagnosis(
         self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
     ) -> Diagnosis:
-        """Return the order by which a difference estimates the error, why it may fall slowly, and the unresolved share.
+        """Return the order of the error, why it may fall slowly, the share of pieces with one unknown, and the ties.
 
         The parameters are those of :meth:`cpmkit.forms.contract.Discretized.diagnosis`.
         """
@@ -349,7 +352,7 @@ class Galerkin(EquationAssembly, Discretized):
         }
 
     @property
-    def _sides(self) -> Floats:
+    def _side_moments(self) -> Floats:
         """The :func:`side_moments` of the boundaries, by which a saved form is compared."""
         return side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
 
@@ -357,11 +360,11 @@ class Galerkin(EquationAssembly, Discretized):
         """Return the options of the lattice, the arrays of the space, and the moments of the sides of boundaries."""
         options = {**self.options.as_dict(), "origin": self.sampled.lattice.origin}
         arrays = {name: np.array(value) for name, value in options.items()}
-        return {**arrays, **self.space.arrays(), "sides": self._sides}
+        return {**arrays, **self.space.arrays(), "sides": self._side_moments}
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
         """Return in words how the form of arrays ``saved`` differs, in sides of boundaries or space; empty if equal."""
-        sides, saved_sides = self._sides, saved.get("sides", self._sides)
+        sides, saved_sides = self._side_moments, saved.get("sides", self._side_moments)
         if saved_sides.shape == sides.shape and np.any(np.sum(saved_sides * sides, axis=(1, 2)) < 0):
             return "left and right of its boundaries are others"
         return self.space.differs_from(saved)

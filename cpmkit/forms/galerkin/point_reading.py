@@ -85,7 +85,7 @@ class PointReader:
         return self.space.value_rows(patch, feet.points, cells)
 
     def _locate_points(self, points: Any, side: Sides) -> tuple[ClosestPoints, Ints, Ints]:
-        """Return the :meth:`closest_points` of ``points`` (k, d), and the patches (k,) and mesh cells (k,) of them."""
+        """Return the :meth:`closest_points` of ``points``, and the patches and mesh cells (k,) to evaluate u there."""
         feet = self.closest_points(points)
         patch, nearest = self.locator.patches(feet, self.sides(side))
         return feet, patch, self.sampled.samples.cell_at(nearest)
@@ -93,7 +93,7 @@ class PointReader:
     def closest_points(self, points: Any) -> ClosestPoints:
         """Return the closest points on the manifold of ``points`` (k, d), given in the scene's coordinates.
 
-        It is relative to the lattice's origin. Raises InputError if a point is not finite or over three spacings away.
+        They are relative to the lattice's origin. Raises InputError if one is not finite or over three spacings away.
         """
         at = as_points(points, self.sampled.lattice.dim)
         feet = self.sampled.surface.closest_point(self.sampled.lattice.to_local(at))

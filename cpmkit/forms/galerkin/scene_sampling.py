@@ -102,7 +102,7 @@ class SampledScene(InsertedScene):
 
     @property
     def tied(self) -> Ints:
-        """(t, 2) pairs of samples at the lips of ties."""
+        """(t, 2) the numbers of samples at one point of a tie: on its first lip, and on another."""
         lips = [condition.sides for condition in conditions_with_law(self.conditions, Tie)]
         pairs = [np.stack([first, other], axis=1) for first, *others in lips for other in others]
         return self.interior + np.concatenate([np.zeros((0, 2), dtype=np.int64), *pairs])

@@ -151,7 +151,7 @@ def resolution_warnings(
     """Yield warnings on isolated pieces beside others, and for cells of closest points on many unknowns at equal nodes.
 
     ``pieces`` are the number of connected pieces and the piece (n,) of each unknown; ``boundaries`` (b,) the patches of
-    the samples there, at which nodes have several unknowns by construction. The latter for one ``geometry`` alone.
+    the samples on boundaries, where nodes have several unknowns by construction; ``geometry`` is that of the cells.
     """
     count, piece = pieces
     size = np.bincount(piece, minlength=count)

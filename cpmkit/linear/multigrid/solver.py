@@ -198,8 +198,7 @@ def _regular_strip(strip: Ints, piece: Ints) -> Ints:
 def largest_eigenvalue(matrix: UnsignedCsr, inverse: Floats) -> float:
     """Return an estimate, from below, of the largest eigenvalue of ``D^-1 A`` by twelve steps of Lanczos' method.
 
-    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero; without any, 1 is
-    returned.
+    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero; without any it is 1.
     """
     root = np.sqrt(inverse)[:, None]
     v = np.random.default_rng(0).standard_normal(root.shape) * (root > 0)
@@ -226,9 +225,9 @@ class MultigridSolver:
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreconditionedCG | PreconditionedGMRES:
         """Return the Krylov iteration with its cycle: matrices of all levels, their smoothers and the coarsest factors.
 
-        ``levels`` are the form's coarser levels. Raises SceneError if the operator's sparsity pattern is not symmetric,
-        it is indefinite with a border, its coarsest level is too large to be factorised, or a part of it is singular.
-        Raises ConvergenceError if it turns out to have an eigenvalue of the wrong sign.
+        Raises SceneError if the operator's sparsity pattern is not symmetric, it is indefinite with a border, its
+        coarsest level is too large to be factorised, or a part of it is singular. Raises ConvergenceError if an
+        eigenvalue turns out to have the wrong sign.
         """
         inner = without_border(operator)
         waves = bool(getattr(inner, "indefinite", False))

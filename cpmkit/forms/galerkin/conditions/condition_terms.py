@@ -92,7 +92,7 @@ class ConditionTerms:
 
     @property
     def for_laplacian(self) -> ConditionTerms:
-        """The conditions on Lap u: 0, or the datum of a support, where a value of u is given; elsewhere zero flux."""
+        """The conditions on Lap u: 0 or the datum of a support where u is given, continuity at ties, else zero flux."""
         conditions = [replace(condition, law=condition.law.of_laplacian) for condition in self.conditions]
         return replace(self, conditions=tuple(conditions))
 
@@ -131,8 +131,7 @@ class ConditionTerms:
         They are computed from the residual of the weak form for a test function that is 1 / a at these samples, 0 at
         the others, and has no slope: for Nitsche's terms the sum over samples of ``du/db - B (u - g) / w``, similarly
         for couplings and fluxes. This converges with the order of the energy, not that of the gradient. For a = 1 the
-        sum over all boundaries of a connected piece balances the integral of f over the piece, to the tolerance of the
-        solver.
+        sum over all boundaries of a connected piece balances the integral of f over it, to the solver's tolerance.
 
         ``u`` (n, channels) are the unknowns of the solution, ``chosen`` (b,) is whether a sample is included, as on one
         side of a boundary or on the rim, and data are evaluated at ``time``. None if a condition at these samples has

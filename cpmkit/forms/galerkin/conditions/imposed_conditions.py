@@ -212,7 +212,7 @@ def _rim_conditions(
 
 
 def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
-    """Return the number (k,) of the loop of the rim of ``surface`` at each sample; all -1 if it is known at none."""
+    """Return the loop (k,) of ``surface``'s rim at each sample, where unknown the nearest's; -1 if known at none."""
     from scipy.spatial import KDTree
 
     target: Floats = samples.points + PAST_RIM_SPACINGS * spacing * samples.conormals
@@ -224,7 +224,7 @@ def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) ->
 
 
 def tie_conditions(samples: BoundarySamples) -> Iterator[ImposedCondition]:
-    """Yield the conditions of continuity at cut facets, one for each number of lips: the cells that meet at a facet."""
+    """Yield the conditions of continuity at ties, one for each number of lips: the cells that meet at a facet."""
     rows = np.flatnonzero(samples.on_tie)
     key = POINTS_OF_EDGE * samples.facet[rows] + samples.place[rows]
     order = rows[np.argsort(key, kind="stable")]

@@ -40,7 +40,7 @@ class EnrichedSpace(FunctionSpace):
         return self._columns([function.values(points, cells) for function in self.functions], len(points))
 
     def singular_derivative_rows(self, points: Floats, cells: Ints, directions: Floats) -> SparseMatrix:
-        """Return (k, m) ``directions`` (k, d) times gradients of the psi at ``points`` (k, d) in ``cells`` (k,)."""
+        """Return derivatives (k, m) of the psi along ``directions`` (k, d) at ``points`` (k, d) in ``cells`` (k,)."""
         columns = []
         for function in self.functions:
             rows, gradients = function.slopes(points, cells)

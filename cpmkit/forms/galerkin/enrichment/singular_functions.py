@@ -94,7 +94,7 @@ class TipDiscFinder:
 
     def find_disc(self, tip: int, boundary: int) -> TipDisc:
         """Return the disc around the vertex ``tip``, an end of boundary number ``boundary``; it may be very small."""
-        frame = self._frame(tip, boundary)
+        frame = self._axes_at_tip(tip, boundary)
         cells = np.flatnonzero(~self._is_tilted(frame))
         piece = self._pieces(cells)
         cells = cells[np.isin(piece, piece[(self.mesh.cells[cells] == tip).any(axis=1)])]
@@ -115,7 +115,7 @@ class TipDiscFinder:
         areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         return np.asarray(np.linalg.eigh(areas.T @ areas)[1][:, -1])
 
-    def _frame(self, tip: int, boundary: int) -> TipDisc:
+    def _axes_at_tip(self, tip: int, boundary: int) -> TipDisc:
         """Return a disc of radius 0 without cells, with axes and curvature of a cubic fitted to the boundary nearby."""
         mesh, none, normal = self.mesh, np.zeros(0, dtype=np.int64), self._normal(tip)
         origin, own = mesh.vertices[tip], mesh.owner == boundary

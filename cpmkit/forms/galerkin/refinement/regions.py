@@ -200,7 +200,7 @@ def shift_of(spacing: float, level: Any) -> Any:
 
 
 def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
-    """Return flat triangles whose edges are at most half as long as their distance from an end of a boundary.
+    """Return flat triangles whose edges are at most half as long as their distance from a boundary's end inside.
 
     The ``mesh`` has flat triangles. Edges shorter than a thousandth of the ``spacing`` h are not subdivided.
     """

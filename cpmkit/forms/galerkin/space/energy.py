@@ -58,10 +58,8 @@ def stiffness_with_floor(
 ) -> SparseMatrix:
     """Return the matrix (n, n) of sum w (a grad u . grad v + c u v), with stabilisation and floor.
 
-    ``space``: the splines and their samples.
     ``a`` float or (q,) or (q, d, d) float64: the diffusivity at the samples: numbers, or symmetric tensors whose
         tangential part is used.
-    ``stabilisation``: its factors.
     ``c`` float or (q,) float64: the coefficient of u v at the samples; None where there is no such term.
     ``scale`` (q,): the coefficient at the samples to which stabilisation and floor are proportional; by default ``a``.
     """

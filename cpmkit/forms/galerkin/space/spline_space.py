@@ -202,7 +202,8 @@ def _lines_across_straight_pieces(dof_map: DofMap, runs_by_axis: Sequence[Ints],
 def _heaviest_places(weights: Floats, starts: Ints, places: Ints) -> Ints:
     """Return for each unknown (n,) its place of largest weight, the first if several have it.
 
-    The places of unknown i are ``places[starts[i] : starts[i + 1]]``, with weights in the same slice of ``weights``.
+    Places are indices into the flattened table of the unknowns of patches. Those of unknown i, one or more, are
+    ``places[starts[i] : starts[i + 1]]``, with weights in the same slice of ``weights``.
     """
     largest = np.maximum.reduceat(weights, starts[:-1])
     hits = np.flatnonzero(weights == largest.repeat(np.diff(starts)))
