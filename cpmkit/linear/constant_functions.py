@@ -125,7 +125,7 @@ class ConstantFunctions:
     def _separate_constants(self, b: Any) -> tuple[Any, Any]:
         """Return the least squares solution c (pieces, k, channels) of ``A K c = b``, and ``b - A K c`` (n, channels).
 
-        c solves the normal equations of each component for b (n, channels), and once more for the rest, against rounding.
+        c solves the normal equations of each component for b (n, channels), then for the rest, against rounding.
         """
         conjugate = self.images.conj()
         inverse = np.linalg.pinv(self.pieces.products(conjugate, self.images), hermitian=True)
