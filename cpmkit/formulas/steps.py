@@ -135,7 +135,7 @@ class Steps:
 
     def number(self, value: float) -> int:
         """Return the place of a number, which is added if it is new."""
-        return self._place(("number", float(value).hex()))  # the text distinguishes 0.0 and -0.0
+        return self._place_of_step(("number", float(value).hex()))  # the text distinguishes 0.0 and -0.0
 
     def constant_value(self, place: int) -> float | None:
         """Return the number at ``place``, None if the step is not a number."""
@@ -146,7 +146,7 @@ class Steps:
         """Return the place of ``kernel`` applied to places ``operands``, a number if these are; add it if new."""
         numbers = [self.constant_value(place) for place in operands]
         if any(number is None for number in numbers):
-            return self._place((kernel, *operands))
+            return self._place_of_step((kernel, *operands))
         with np.errstate(all="ignore"):
             return self.number(KERNELS[kernel](*map(np.float64, numbers)))
 
@@ -175,7 +175,7 @@ class Steps:
         places: dict[int, int] = {}
         for node in reversed([node for node in ast.walk(tree) if isinstance(node, ast.expr)]):
             operands = [places[id(child)] for child in ast.iter_child_nodes(node) if id(child) in places]
-            places[id(node)] = self._node(node, operands, known or {})
+            places[id(node)] = self._place_of_node(node, operands, known or {})
         return places[id(tree)]
 
     def dependencies(self, outputs: Iterable[int]) -> list[int]:
@@ -189,14 +189,14 @@ class Steps:
                 stack += operands if kind in KERNELS else []
         return sorted(places)
 
-    def _place(self, step: Step) -> int:
+    def _place_of_step(self, step: Step) -> int:
         """Return the place of a step, which is added if it is new."""
         place = self._places.setdefault(step, len(self.steps))
         if place == len(self.steps):
             self.steps.append(step)
         return place
 
-    def _node(self, node: ast.expr, places: list[int], known: Mapping[str, int]) -> int:
+    def _place_of_node(self, node: ast.expr, places: list[int], known: Mapping[str, int]) -> int:
         """Return the place of a node whose operands are at ``places``; ``known`` has places of variables by name."""
         match node:
             case ast.Constant(value=int() | float() as number):
@@ -204,7 +204,7 @@ class Steps:
             case ast.Name(id=name):
                 if name in known:
                     return known[name]
-                return self.number(CONSTANTS[name]) if name in CONSTANTS else self._place(("name", name))
+                return self.number(CONSTANTS[name]) if name in CONSTANTS else self._place_of_step(("name", name))
             case ast.UnaryOp(op=op):
                 return self.apply("negative", *places) if type(op) is ast.USub else places[0]
             case ast.BinOp(op=ast.Pow()):

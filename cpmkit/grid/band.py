@@ -51,9 +51,9 @@ def stencil_range(degree: int) -> range:
 
 
 def stencil_cells(points: Floats, spacing: float, degree: int) -> tuple[Ints, Floats]:
-    """Return the stencil's cell (n, d) of each point (n, d), and the fractions (n, d) in [0, 1) of its position there.
+    """Return the stencil's cell (n, d) of each point (n, d), and the fractions (n, d) of its position there.
 
-    Points are relative to the lattice's origin; a fraction is the distance from the cell's lower side, in cells.
+    Points are relative to the lattice's origin; a fraction, 0 to 1, is the distance from the cell's low side, in cells.
     """
     coordinates = points / spacing + base_offset(degree)
     cells = np.floor(coordinates)

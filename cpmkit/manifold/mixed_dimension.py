@@ -52,7 +52,7 @@ def _nearest_approach(
     """Return the distance between two members and the point (d,) of ``lower`` nearest to ``higher``.
 
     They are found by alternating projections from 64 of about 1000 starting points, which may miss a nearer place. A
-    distance up to ``touching`` is 0. It is infinite, the point arbitrary, if boxes are ``within`` apart along an axis.
+    distance up to ``touching`` is 0. It is infinite, the point arbitrary, if boxes are 2 ``within`` apart on an axis.
     """
     boxes = np.array([lower.bounds, higher.bounds], dtype=np.float64)
     low, high = boxes[:, 0].max(axis=0) - within, boxes[:, 1].min(axis=0) + within

@@ -90,10 +90,10 @@ def cross_plane(
 
 
 @compiled
-def first_plane(piece: Floats, count: int) -> tuple[int, float]:
+def find_splitting_plane(piece: Floats, count: int) -> tuple[int, float]:
     """Return the axis and the coordinate of a knot plane that splits a ``piece`` (count, 5), or axis -1 for none.
 
-    Of the planes with corners over ``ON_PLANE_SPACINGS`` away on both sides it is the lowest of the first axis.
+    Of planes that have corners over ``ON_PLANE_SPACINGS`` away on both sides, it is the lowest of the first axis.
     """
     for axis in range(3):
         low, high = np.inf, -np.inf
@@ -261,7 +261,7 @@ def triangle_samples(
             waiting -= 1
             count = sizes[waiting]
             piece[:count] = stack[waiting, :count]
-            axis, plane = first_plane(piece, count)
+            axis, plane = find_splitting_plane(piece, count)
             if clipped[m] and axis >= 0 and count < MOST_CORNERS and splits < MOST_SPLITS:
                 splits += 1
                 if waiting + 2 > len(sizes):

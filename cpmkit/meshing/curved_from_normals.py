@@ -49,7 +49,7 @@ def curve_cells(
     if geometry == "closest_point":
         return curve_cells_by_closest_points(mesh, source, boundaries, spacing)
     if geometry == "normals":
-        return curve_from_normals(mesh, source, boundaries)
+        return curve_cells_by_normals(mesh, source, boundaries)
     return split_at_knot_planes(mesh, spacing) if mesh.manifold_dim == 1 else mesh
 
 
@@ -82,7 +82,7 @@ def refine_smooth_triangles(mesh: Mesh, source: LocalSource, length: float) -> M
     return mesh
 
 
-def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
+def curve_cells_by_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return quadratic triangles with nodes on the smooth surface, those of facets on boundaries on the boundaries.
 
     Nodes far from their boundary stay off it, and midpoints of triangles that would turn over.

@@ -74,9 +74,9 @@ class ConstrainedTriangulation:
     def _containing_part(self, root: int, place: Vector) -> int:
         """Return the part of the original triangle ``root`` that contains the point ``place``."""
         parts = self.triangulation.parts(root)
-        return parts[0] if len(parts) == 1 else max(parts, key=lambda part: self._depth(part, place))
+        return parts[0] if len(parts) == 1 else max(parts, key=lambda part: self._depth_inside(part, place))
 
-    def _depth(self, cell: int, place: Vector) -> float:
+    def _depth_inside(self, cell: int, place: Vector) -> float:
         """Return the least distance of ``place``, in a triangle's plane, from its edges, negative outside it."""
         net = self.triangulation
         normal, depths = net.normal(cell), []

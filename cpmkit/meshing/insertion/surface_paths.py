@@ -110,7 +110,7 @@ class PathFinder:
             fan_exit = self.leave_fan(here, subtract(goal, net.position(here)), normal)
             if fan_exit is None:
                 return None
-            following = self._vertex_at(here, fan_exit, w)
+            following = self._exit_vertex(here, fan_exit, w)
             left -= distance(net.position(here), net.position(following))
             if left < 0 or following in path:
                 return None
@@ -122,7 +122,7 @@ class PathFinder:
         net = self.triangulation
         return 1.6 * distance(net.position(v), net.position(w)) + 0.5 * net.size(v)
 
-    def _vertex_at(self, here: int, fan_exit: FanExit, goal: int) -> int:
+    def _exit_vertex(self, here: int, fan_exit: FanExit, goal: int) -> int:
         """Return the vertex at which a path from ``here`` to ``goal`` leaves the triangles around ``here``.
 
         It is snapped to a vertex near by like any other point, but with the tolerance of ends of curves where the
