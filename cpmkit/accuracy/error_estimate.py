@@ -63,8 +63,8 @@ class ErrorEstimate:
 
     def at_points(self, points: Any) -> Floats:
         """Return the estimated error (n,) or (n, channels) at points (n, d), in the unit of u, without ``in_time``."""
-        pair = (self.solution, self.coarse)
-        errors = self._pointwise_error(*(solution.evaluate(points).reshape(len(points), -1) for solution in pair))
+        values = (each.evaluate(points).reshape(len(points), each.channels) for each in (self.solution, self.coarse))
+        errors = self._pointwise_error(*values)
         return np.asarray(errors[:, 0] if errors.shape[1] == 1 else errors)
 
     def on_mesh(self, mesh: DisplayMesh) -> Floats:
@@ -121,7 +121,7 @@ def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
 
 
 def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
-    """Return the difference of the solution ``fine`` from ``coarse``, at points of ``fine`` and relative to its range.
+    """Return the difference of two solutions at points of ``fine``, relative to its range, or to each eigenvalue.
 
     ``coarse`` has a larger spacing, or the same spacing and longer steps or the flat triangles of the surface.
     """

@@ -31,6 +31,7 @@ def test_at_once(form, how):
     assert solution.summary()["error"]["rms"] == solution.error.rms.tolist()
     near = solution.error_at(AT)
     assert near.shape == (len(AT),)
+    assert solution.error_at(AT[:0]).shape == (0,)
     assert 0.3 < np.sqrt(np.mean(near**2)) / (solution.error.rms[0] * solution.error.unit[0]) < 3
 
 
