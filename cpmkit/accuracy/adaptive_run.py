@@ -209,7 +209,7 @@ class AdaptiveRun:
         return first is not None and second is not None and first.own == second.own
 
     def _coarse_solution(self, solution: SolutionRecord) -> SolutionRecord | None:
-        """Return the earlier solution, with the same options, at about 2.5 (1.3 to 2.75) times the spacing, or None."""
+        """Return the solution with equal options and steps at about 2.5 (1.3 to 2.75) times the spacing, or None."""
         ratios = {
             solve.spacing / solution.spacing: solve.solution
             for solve in self.solves

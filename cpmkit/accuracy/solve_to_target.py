@@ -178,9 +178,9 @@ def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float 
 def search_solution(run: AdaptiveRun) -> SolutionRecord:
     """Search for the spacing at which the target of ``run`` is met, and return a solution with estimate and history.
 
-    It is the last one if the target is met (or the source's own error reached), else that with the smallest estimated
-    error, which has a warning unless only limits of time and memory were given and kept. ``estimated`` is None if no
-    coarser solution could be compared. Raises CpmkitError as :func:`search_spacing` does.
+    It is the last one if the tolerance, or the source's own error, is reached, else that with the smallest estimated
+    error. It has a warning if the tolerance is not reached, limits are not kept, or a solve failed. ``estimated`` is
+    None if no coarser solution could be compared. Raises CpmkitError as :func:`search_spacing` does.
     """
     status, aim = search_spacing(run)
     best = run.last if status in ("reached", "floor") else run.best

@@ -166,7 +166,8 @@ def errors_stagnate(run: AdaptiveRun) -> bool:
     """Return True if smaller spacings no longer reduce the error.
 
     Either the error has risen and is of the size that the residuals of linear solves cause, which grow as the spacing
-    falls; or of the last four errors the first is smallest. False if the last error is unknown, or the only known one.
+    falls; or of the last four errors the first is smallest, and the last not below the second. False if fewer than two
+    errors are known, the last among them.
     """
     known = _comparable_solves(run)[-4:]
     errors = [solve.error for solve in known]

@@ -231,7 +231,7 @@ class SolveContext:
         return self.discretized.scene
 
     def prepare(self, operator: Operator) -> PreparedSolver:
-        """Return the prepared solver of systems with ``operator``, with the form's multigrid levels if it takes levels.
+        """Return the prepared solver of systems with ``operator``, given the form's multigrid levels if it takes any.
 
         With ``cache.shares_preconditioner``, later operators of equal size use the preconditioner of the first
         unsymmetric one that is solved by GMRES. Raises as the ``prepare`` of the linear solver does.

@@ -95,7 +95,7 @@ def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> 
 
 
 def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) -> CsrOperator:
-    """Return ``A x I + sum_ij M_ij x e_i e_j'``, the operator of all k channels; ``coupling`` is C (p, k, k)."""
+    """Return ``A x I + sum_ij M_ij x e_i e_j'``: A = ``stiffness``, M_ij the mass of weight C_ij, C = ``coupling``."""
     from scipy.sparse import bsr_array
 
     channels = coupling.shape[1]

@@ -322,7 +322,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
 
 
 def _check_balance(solution: SolutionRecord) -> None:
-    """Raise SceneError if f had to be changed on a piece of the manifold where the fluxes do not fix a constant."""
+    """Raise SceneError if data do not balance, beyond what the spacing explains, where fluxes do not fix a constant."""
     for defect in solution.imbalances:
         if defect.of == "data" and defect.relative > defect.explained:
             near = place(defect.near)

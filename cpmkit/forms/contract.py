@@ -294,7 +294,7 @@ class Discretized(FormValues):
     def diagnosis(
         self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
     ) -> form_records.Diagnosis:
-        """Return the order of the error, reasons for slow convergence, and the unresolved share; by default order 2.
+        """Return the order of the error, by default 2, reasons for slow convergence, and the part left unresolved.
 
         ``coarser`` is the form of a solution with which this one is compared, on a lattice with ``ratio`` times the
         spacing; ``difference`` is the root mean square of their difference, as a share of the range. With

@@ -112,7 +112,7 @@ class Imbalance:
 
     @property
     def nothing_given(self) -> list[str]:
-        """A list with the warning that u is zero on the piece because no data are given; empty if data are given."""
+        """A list with the warning that u is 0 on the piece as no data are given; empty if any are, or not of "data"."""
         if self.of != "data" or any(self.size):
             return []
         return [
@@ -210,7 +210,7 @@ class DataAtPoints(NamedTuple):
 
 
 def data_warnings(form: Discretized, conditions: Iterable[DataAtPoints], spacing: float | None = None) -> list[str]:
-    """Return a list with a warning for each of a scene's data, as far as functions of points, that varies in a spacing.
+    """Return a list with a warning for each of a scene's data that is a function of points and varies in a spacing.
 
     ``form``: the form, at some of whose points the data of the equation are read.
     ``conditions``: the data of the conditions.

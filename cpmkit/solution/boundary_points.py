@@ -139,7 +139,8 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
     Raises
     ------
     InputError, SceneError
-        If the spacing is not positive, or the boundary is neither points nor curves or does not lie in such a manifold.
+        If the spacing is not positive, or the boundary is neither points nor curves or of a dimension that does not fit
+        the manifold. A boundary off the manifold is moved to the closest points.
 
     Examples
     --------
@@ -198,7 +199,7 @@ def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
 def _orient_boundary(source: ClosestPointSource, surface: ClosestPointSource) -> OrientedBoundary:
     """Return the boundary ``source`` of ``surface`` with its orientation.
 
-    Raises SceneError if the boundary is neither points nor curves, or does not lie in the surface.
+    Raises SceneError if the boundary is neither points nor curves, or does not fit the dimension of the surface.
     """
     if (source.manifold_dim or 0) > 1:
         raise SceneError(f"points are distributed along curves, got a boundary of dimension {source.manifold_dim}.")

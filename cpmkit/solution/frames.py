@@ -50,7 +50,7 @@ class EvolvedRecord(SolutionRecord):
         return integrals(self.discretized, self.values)
 
     def frame_meshes(self) -> list[DisplayMesh]:
-        """Return the display meshes of all frames, which must not be empty: one mesh with the values of each frame."""
+        """Return a display mesh for each frame, the same with the frame's values; there must be at least one frame."""
         all_values = np.concatenate([frame.values for frame in self.frames], axis=1)
         mesh = replace(self, values=all_values, frames=()).display_mesh()
         parts = np.split(mesh.values, len(self.frames), axis=1)

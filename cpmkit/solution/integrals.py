@@ -119,9 +119,8 @@ BEYOND_RIM_SPACINGS = 0.25
 def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> tuple[Floats, Floats]:
     """Return quadrature points (n, d) on ``surface`` along the boundary ``source``, and weights (n,).
 
-    Weights are lengths or areas, 1 for points of a source with a mesh. If ``source`` has a mesh, for ``spacing``, the
-    rule is that of its curved cells; else many points and weights, of sum 1 for each point of the boundary, come from
-    lattice nodes around it.
+    Weights are lengths or areas; those of a point sum up to 1. If ``source`` has a mesh, for ``spacing``, the rule is
+    that of its curved cells; else the points are closest points of lattice nodes around the boundary.
     """
     dim = source.manifold_dim or 0
     if not isinstance(source, HasMesh):

@@ -238,7 +238,7 @@ class SolutionRecord:
         Returns
         -------
         float, or (channels,) float64 where there are several
-            Of a boundary that is a point, du/db there.
+            Of a boundary of points, the sum of du/db there.
 
         Raises
         ------
@@ -273,9 +273,10 @@ class SolutionRecord:
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return (z - y) . v (n,) at points z (n, d) of the manifold: near boundary ``name`` the distance from it.
 
-        y is the nearest point of the boundary, v the unit conormal to its left, so that the left is positive. NaN where
-        it is not defined: beyond an open end of the boundary, far from it, on a sheet of the surface that the boundary
-        does not touch, or if the boundary is a point on a surface. Raises InputError if there is no such boundary.
+        y is the nearest point of the boundary, v the unit conormal to its left, which is positive. NaN beyond an open
+        end of the boundary, or if it is a point on a surface; in the form "galerkin" also if left and right swap along
+        it, in "collocation" also far from it and on sheets that it does not touch. Raises InputError if there is no
+        such boundary, or a point is too far from the manifold.
         """
         return self.discretized.signed_distance(name, points)
 

@@ -67,7 +67,7 @@ class InverseIteration:
         return self.apply_inverse(self.apply_mass(v))
 
     def apply_inverse(self, image: Floats) -> Floats:
-        """Return ``(A - sigma B)^-1`` times ``image`` (n,) or (n, k), and count; raise ConvergenceError if it fails."""
+        """Return ``(A - sigma B)^-1 image`` for (n,) or (n, k), and count the work; ConvergenceError if that fails."""
         columns = np.ascontiguousarray(image.reshape(len(image), -1))
         u, report = self.prepared.solve(columns, self.context.tolerance)
         self.products, self.solves = self.products + report.operator_applications, self.solves + 1

@@ -195,7 +195,7 @@ def _oscillation_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.Hist
 
 
 def _unresolved_wave_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
-    """Return a list with a warning if u is a wave at the end that the lattice does not resolve, or []."""
+    """Return a list with a warning if a wave equation's u ends in waves too short for the lattice, or []."""
     problem, evolution = plan.problem, plan.evolution
     if not isinstance(evolution, Wave):
         return []

@@ -296,10 +296,7 @@ class ShiftedSolver:
 
     @cached_property
     def _closed_pieces(self) -> list[tuple[Any, Floats] | None]:
-        """For each group the indicators B (n, pieces) of pieces where A fixes no constant, and B' M B; None if none do.
-
-        None also if the operator A of the group is not symmetric.
-        """
+        """For each group, indicators B (n, pieces) of pieces where symmetric A fixes no constant, B' M B; or None."""
         pieces: list[tuple[Any, Floats] | None] = []
         for stiffness in (group.stiffness for group in self.problem.groups):
             free = self.problem.form.free_constants(stiffness) if stiffness.symmetric else None

@@ -253,8 +253,8 @@ class BoundaryOnSheets:
     def _nearest_samples(self, targets: SurfacePoints, radius: float) -> tuple[ClosestPoints, Bools]:
         """Return the boundary's records of the sample nearest to each target on its sheet, and whether (n,) one exists.
 
-        Samples within ``radius`` count; those at the target's height are preferred to those beyond a bend. Where none
-        exists, the record is that of any sample.
+        Of the 64 nearest samples those within ``radius`` count; those at the target's height are preferred to those
+        beyond a bend. Where none exists, the record is that of any sample.
         """
         from scipy.spatial import cKDTree
 

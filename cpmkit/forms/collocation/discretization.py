@@ -78,7 +78,7 @@ class Discretization:
         )
 
     def read_sources(self, data: Data, label: str, time: float | None = None) -> Floats:
-        """Return ``data`` (unknowns, channels) at :attr:`sources`; errors call them ``label``; no ``time``: steady."""
+        """Return ``data`` (unknowns, channels) read by :attr:`sources`; ``time`` None: steady; ``label`` for errors."""
         sources, lattice, channels = self.sources, self.layout.lattice, self.layout.channels
         values = evaluate_data(data, lattice.to_scene(sources.points), channels, label, time)
         if not sources.terms:

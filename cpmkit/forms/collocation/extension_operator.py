@@ -89,7 +89,7 @@ class ExtensionOperator:
         return matrix
 
     def pieces(self) -> tuple[int, Ints]:
-        """Return the number of sets of unknowns that A does not couple, and the set's number (n,) of each unknown."""
+        """Return the number of connected components of A's graph, and the number (n,) of each unknown's component."""
         count, n = sum(self.differences.shape), self.size
         _, label = connected_unknowns(count, [(self.differences, 0, n), (self.extension, n, 0)])
         return int(label[:n].max(initial=-1)) + 1, label[:n]

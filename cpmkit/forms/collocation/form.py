@@ -97,7 +97,7 @@ class Collocation(Reader):
     def with_scene(self, scene: Scene) -> Collocation:
         """Return the same tables for a scene that differs in its equation and its data alone.
 
-        Raises SceneError if the form cannot discretise the equation, or a change affects the tables themselves.
+        Raises SceneError if the velocity is conservative, and as :func:`with_new_data`.
         """
         check_terms(scene.problem.terms())
         return replace(self, scene=scene, tables=with_new_data(self.tables, self.scene, scene))
@@ -292,7 +292,7 @@ class Collocation(Reader):
         }
 
     def arrays(self) -> dict[str, Any]:
-        """Return arrays by name: options, inner ``nodes`` (m, d), ``ghosts`` (g, 2): boundary, node; ``left`` (g,)."""
+        """Return by name options, inner ``nodes`` (m, d), ``ghosts`` (g, 2): boundary and node, ``left`` (g,) bool."""
         return {
             **{name: np.array(value) for name, value in self.tables.layout.options.as_dict().items()},
             "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],

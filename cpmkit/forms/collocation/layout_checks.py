@@ -241,8 +241,8 @@ def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
 def sharp_bend_warnings(layout: Layout, spacing: float) -> list[str]:
     """Return a list with a warning if a hypersurface has creases or bends too sharply for ``spacing``, or [].
 
-    That is so if normals turn sharply between 0.5 percent of the pairs of neighbouring nodes with comparable normals.
-    Other manifolds are not examined.
+    That is so if the normal turns by over 1/3 radian a spacing between 0.5 percent or more of the pairs of neighbours
+    whose normals can be compared. Other manifolds are not examined.
     """
     if layout.surface.manifold_dim != layout.surface.dim - 1:
         return []

@@ -94,7 +94,7 @@ class RowFormula:
 
 
 def extrapolation_weights(nodes: Floats, at: Floats) -> Floats:
-    """Return the Lagrange weights (n, m) by which values at distances ``nodes`` (n, m) give that at ``at`` (n,)."""
+    """Return the Lagrange weights (n, m) that extrapolate values at distances ``nodes`` (n, m) to ``at`` (n,)."""
     count = nodes.shape[1]
     weights = np.ones_like(nodes)
     for k in range(count):

@@ -223,7 +223,7 @@ def _find_tips(
 
 
 def _find_flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[UnresolvedPlace]:
-    """Return a list of at most one place where a boundary faces itself and feet of near nodes jump between its flanks.
+    """Return a list with the widest place where a boundary faces itself and feet of near nodes jump across, or [].
 
     ``number`` is the boundary's. The search is among its points nearest to nodes, for any position of the lattice.
     """

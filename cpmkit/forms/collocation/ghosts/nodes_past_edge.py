@@ -225,7 +225,7 @@ def _flux_corners(corners: Sequence[RimCorners], edge: EdgeConditions, law: OneS
 def _corner_data(
     datum: BoundaryData, corners: Sequence[RimCorners], edge: EdgeConditions, t: Floats, lattice: Lattice
 ) -> list[BoundaryData]:
-    """Return the terms of a flux ``datum``; nodes at corners read it on each side, in proportion to their distance.
+    """Return the boundary data for a flux ``datum``; nodes at corners read it on each side, by their distance past it.
 
     ``t`` (n,) is the distance of each node past the edge.
     """
