@@ -45,9 +45,9 @@ def renumber_cells(cells: Ints, number: Ints) -> Ints:
 
 
 def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
-    """Return the edges (e, 2) of triangles or segments among ``count`` vertices, and the edges (m, c) of each cell.
+    """Return the edges (e, 2) of triangles, segments or points ``cells``, without padding, and those (m, c) of each.
 
-    Edge k of a cell joins its corners k and k + 1; a segment has one edge, a point none.
+    Edge k of a cell joins its corners k and k + 1; a segment has one edge, a point none. ``count``: of the vertices.
     """
     edges = Connectivity(cells, count).edges
     return edges.ends, np.roll(edges.of_cells, 1, axis=1)

@@ -60,7 +60,7 @@ def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> Latti
     """Return the corners of all lattice cells that the surface may meet, with their closest points.
 
     The lattice has the ``spacing``, and is shifted against the origin by ``offsets`` (3,) spacings. Raises
-    ResolutionError if the source has no point inside its bounds.
+    ResolutionError if the source has no point inside its bounds, or cells cannot be numbered.
     """
     for _, level in cell_levels(source, spacing, offsets):
         cells = level

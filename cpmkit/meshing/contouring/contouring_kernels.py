@@ -38,7 +38,7 @@ def unite_flat(
 
 @compiled
 def unite(first: Ints, second: Ints, group: Ints) -> None:
-    """Unite the sets of entries ``first``, ``second`` (p,) in the forest ``group`` (k,); then it contains the roots."""
+    """Unite the sets of entries ``first[i]``, ``second[i]`` in the forest ``group`` (k,), which then has the roots."""
     for i in range(len(first)):
         group[find_root(group, first[i])] = find_root(group, second[i])
     for i in range(len(group)):

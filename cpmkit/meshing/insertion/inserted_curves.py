@@ -158,7 +158,7 @@ def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections:
 def _are_past_rim(offsets: Floats, closed: bool) -> Bools:
     """Return which points (n,) lie past a rim, given their ``offsets`` (n,) from :func:`_rim_offsets`.
 
-    A stretch within .15 local edge lengths of the rim between two points on it, or a whole curve so near, is not.
+    A stretch within .15 local edge lengths of the rim between two points on it, or a whole curve so near, does not.
     """
     off = offsets > PAST_RIM_SHARE
     start = int((~off).argmax()) if closed else 0

@@ -287,7 +287,8 @@ def trace_polylines(source: LocalSource, search: TriangleSearch, spacing: float)
     """Return polylines on all pieces of a curve that is known by closest points alone.
 
     Traces start at the closest points of cells of half a spacing that the curve may meet, and continue in steps of .15
-    L, where L is the local edge length of the triangles of ``search``. Polylines end at junctions.
+    L, where L is the local edge length of the triangles of ``search``. Polylines end at junctions, and have the
+    direction of the curve's tangents, if any.
     """
     cells = next(blocks for side, blocks in cell_levels(source, 0.5 * spacing, 0.5) if side == 1)
     seeds = source.closest_point(np.asarray(cells * (0.5 * spacing), dtype=np.float64)).points

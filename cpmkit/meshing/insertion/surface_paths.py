@@ -98,7 +98,7 @@ class PathFinder:
         return self.constrained.insert_point(root, barycentric_position(self.triangulation, root, nearest.shares[0]))
 
     def _planar_path(self, v: int, w: int, normal: Vector) -> list[int] | None:
-        """Return the path from v to w in planes of ``normal`` and the direction to w; None if a detour, or at a rim."""
+        """Return the path from v to w in planes of ``normal`` and the direction to w; None at a rim or for a detour."""
         net, goal = self.triangulation, self.triangulation.position(w)
         left = self._detour_length(v, w)
         path = [v]
@@ -175,7 +175,7 @@ class PathFinder:
         return self.triangulation.shortest_path(v, w, self._detour_length(v, w), neighbours)
 
     def path_beside_boundary(self, start: tuple[int, int], goal: tuple[int, int]) -> list[int] | None:
-        """Return a path between two vertices that runs parallel to a boundary; None if it would be a long detour.
+        """Return a path between two vertices that runs parallel to a boundary; None if none is short enough.
 
         ``start``, ``goal`` (int, int): a vertex of the path, and the vertex of the boundary beside it.
         """
