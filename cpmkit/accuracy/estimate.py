@@ -110,9 +110,9 @@ def measured_source_error(
 ) -> float:
     """Return the error due to the source of the manifold, as a share of the solution's range; 0 for eigenvalues.
 
-    The form estimates it from areas. If the estimate is above ``negligible`` and the source is a mesh read as smooth,
-    the scene is also solved on the flat triangles, since solutions differ by less than areas do. The ``solution`` is a
-    coarse one, as the further solve costs as much; ``solve`` solves a scene on its lattice.
+    The form estimates it, for a mesh from areas. If the estimate is above ``negligible`` and the source is a mesh read
+    as smooth, the scene is also solved on the flat triangles, since solutions differ by less than areas do. The
+    ``solution`` is a coarse one, as the further solve costs as much; ``solve`` solves a scene on its lattice.
     """
     if solution.has_modes:
         return 0.0

@@ -30,8 +30,7 @@ from cpmkit.scene.nonlinear_equations import QuasilinearEquation
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: The largest number of steps of each method.
-MOST_STEPS = {"newton": 60, "lagged": 500}
+MOST_STEPS = {"newton": 60, "lagged": 500}  #: The largest number of steps of each method.
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,7 @@ from cpmkit.solution.modes import Resonance
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: Relative residual of the solves that find the distance to an eigenvalue.
-ROUGH_RESIDUAL = 1e-3
+ROUGH_RESIDUAL = 1e-3  #: Relative residual of the solves that find the distance to an eigenvalue.
 
 
 def assemble(form: Discretized) -> LinearSystem:

@@ -72,12 +72,14 @@ class Explanation:
         return "" if self.exact else "about "
 
     def __repr__(self) -> str:
+        """Return the numbers of unknowns and bytes, and the solver, in a line."""
         return (
             f"<Explanation: {self._about}{self.unknowns:,} unknowns, {self._about}{self.bytes / 2**20:,.1f} MiB, "
             f"solver {self.solver!r}; print it for all parts>"
         )
 
     def _repr_html_(self) -> str:
+        """Return a table in HTML: rows of parts, unknowns, memory, seconds if known, and warnings."""
         rows = [(part.name, f"{part.amount}: {part.reason}") for part in self.parts]
         rows += [("unknowns", f"{self._about}{self.unknowns:,}"), ("memory", f"about {self.bytes / 2**20:,.1f} MiB")]
         if self.seconds is not None:
@@ -85,6 +87,7 @@ class Explanation:
         return html_table("Explanation", rows + [("remark", sentence) for sentence in self.warnings])
 
     def __str__(self) -> str:
+        """Return a line for each part, then known counts and costs, the warnings, and the parts not built."""
         widths = [max(len(getattr(part, key)) for part in self.parts) for key in ("name", "amount")]
         lines = [f"{part.name:<{widths[0]}}  {part.amount:>{widths[1]}}  {part.reason}" for part in self.parts]
         count = self.unknowns if self.off_by is None else int(float(f"{self.unknowns:.2g}"))
@@ -159,7 +162,7 @@ class CostModel(ABC, Generic[Own]):
 
     @abstractmethod
     def fitting_spacing(self, solver: str, available: int) -> float:
-        """Return the least spacing, rounded up to two digits, at which ``solver`` takes at most ``available`` bytes."""
+        """Return about the least spacing, in two digits, at which ``solver`` needs at most ``available`` bytes."""
 
     @abstractmethod
     def source_error(self) -> float:

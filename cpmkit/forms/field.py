@@ -48,6 +48,7 @@ class Field:
     unknowns: Floats | None = None
 
     def __post_init__(self) -> None:
+        """Copy the values; raise InputError if they are not finite, or not one row for each point."""
         values = np.array(self.values, dtype=np.float64)
         if values.ndim not in (1, 2) or len(values) != len(self.points) or not np.isfinite(values).all():
             raise InputError(

@@ -13,8 +13,7 @@ from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.options import OPTION_KEY, DeclaredOptions, Option, one_of, option
 
 Own = TypeVar("Own", bound=DeclaredOptions)
-#: The value of the option ``form`` that chooses the form that fits the scene.
-AUTO = "auto"
+AUTO = "auto"  #: The value of the option ``form`` that chooses the form that fits the scene.
 
 
 @dataclass(frozen=True, eq=False)

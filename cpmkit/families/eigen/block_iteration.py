@@ -18,8 +18,7 @@ from cpmkit.families.eigen.inverse_iteration import EigenPairs, InverseIteration
 from cpmkit.runtime import memory
 from cpmkit.types import Floats, Ints
 
-#: The largest number of rounds; 15 to 25 are usual.
-MOST_ROUNDS = 100
+MOST_ROUNDS = 100  #: The largest number of rounds; 15 to 25 are usual.
 #: Largest energy of a linearly dependent direction, as a share of the energy of its block: rounding.
 DEPENDENT_SHARE = 1e-12
 #: Number of blocks of functions in memory at the peak: three with products, copies of two of these, and corrections.

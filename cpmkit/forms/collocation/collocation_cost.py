@@ -62,7 +62,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return unknowns * bytes_per_unknown(dim, degree, solver, self.scene.channels, per_unknown)
 
     def fitting_spacing(self, solver: str, available: int) -> float:
-        """Return the least spacing, rounded up to two digits, at which ``solver`` takes at most ``available`` bytes."""
+        """Return a spacing, rounded to two digits, at which ``solver`` leaves about a fifth of ``available`` bytes."""
         return fitting_spacing(self.surface, self.options.own.degree, available, solver)
 
     def source_error(self) -> float:

@@ -180,6 +180,7 @@ def _extrapolated_diffusivity(tables: Discretization, data: Data) -> Floats:
     layout = tables.layout
 
     def log_at(points: Floats) -> Floats:
+        """Return log a (k,) at points (k, d) relative to the lattice's origin; raise InputError if a <= 0."""
         a = evaluate_data(data, layout.lattice.to_scene(points), 1, "the diffusivity")[:, 0]
         if np.any(a <= 0):
             raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")

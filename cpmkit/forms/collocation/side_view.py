@@ -179,10 +179,10 @@ def put_on_lattice(
 ) -> BoundaryOnLattice:
     """Return ``boundary`` on the lattice, snapped to the surface and oriented.
 
-    Raises SceneError if the boundary is of the wrong dimension, too far from the surface, or has no sides where the
-    scene needs them.
+    Raises SceneError if the boundary is of the wrong dimension or space, too far from the surface, or has no sides
+    where the scene needs them.
 
-    ``boundary``: a point or curve of lower dimension than the surface.
+    ``boundary``: points, a curve or a surface, of lower dimension than the manifold.
     ``surface``: the manifold.
     ``lattice``: origin and spacing.
     ``radius``: largest distance of the boundary from the surface: the radius of the tube.
