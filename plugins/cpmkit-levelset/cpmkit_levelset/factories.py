@@ -42,7 +42,8 @@ def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEF
     Parameters
     ----------
     phi : str or SymPy expression
-        In x, y and, in space, z. What has no second derivative (floor, minimum, comparisons, ...) is refused.
+        In x, y and, in space, z. ``abs``, ``minimum`` and ``maximum`` make creases; what jumps (floor, sign, %,
+        comparisons) is refused.
     bounds : (2, d) numbers
         The lower and upper corner of a box that holds the zero set.
     trim : str, optional
@@ -229,7 +230,7 @@ def _build_level_set(field: Field, trim: Any, box: Floats, resolution: Any) -> L
 
 def _sample_subset(level_set_source: LevelSet) -> Floats:
     """Return about 2000 of the samples (n, d)."""
-    samples = level_set_source.surface.samples
+    samples = level_set_source.surface.layers[0].samples
     return samples[:: max(len(samples) // 2000, 1)]
 
 

@@ -1,4 +1,4 @@
-"""A smooth formula of position with its first two derivatives."""
+"""A continuous formula of position with its first two derivatives, and the zeros at which these may jump."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from cpmkit.plugin import COORDINATES, FUNCTIONS, Floats, FormulaJets, SceneError, formula_jets, formula_tree, shown
 
-#: What formulas offer and level sets do not: it has no second derivative.
-ROUGH_FUNCTIONS = ("sign", "floor", "minimum", "maximum")
+#: What formulas offer and level sets do not: it jumps.
+ROUGH_FUNCTIONS = ("sign", "floor")
 #: Which of the rows of second derivatives is an entry of the Hessian, by dimension.
 HALF_OF_HESSIAN = {2: np.array([[0, 1], [1, 2]]), 3: np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])}
 
@@ -33,6 +33,8 @@ class FormulaField:
     text: str
     dim: int
     jets: FormulaJets
+    #: The functions at whose zeros the gradient may jump: a of ``abs(a)``, a - b of ``minimum`` and ``maximum(a, b)``.
+    kinks: tuple[FormulaField, ...] = ()
 
     def value(self, p: Floats) -> Floats:
         """Return phi (n,) at points ``p`` (n, d)."""
@@ -54,26 +56,37 @@ class FormulaField:
 def formula_field(text: Any, dim: int, label: str) -> FormulaField:
     """Return the formula ``text`` in the first ``dim`` of x, y, z with its first two derivatives.
 
-    Raise SceneError, which names ``label``, if it does not parse, is too long or constant, uses what is not offered, or
-    what has no second derivative.
+    Raise SceneError, which names ``label``, if it does not parse, is too long or constant, or uses what is not offered.
     """
     names = COORDINATES[:dim]
     tree = formula_tree(text, names, label)
     rough = next((node for node in ast.walk(tree) if _is_rough(node)), None)
     if rough is not None:
         raise SceneError(
-            f"{label} uses {shown(ast.get_source_segment(text.strip(), rough))}, which has no second derivative "
-            f"everywhere; a level set is smooth: use + - * / ** and "
+            f"{label} uses {shown(ast.get_source_segment(text.strip(), rough))}, which jumps; a level set is "
+            f"continuous: use + - * / ** and "
             f"{', '.join(name for name in FUNCTIONS if name not in ROUGH_FUNCTIONS)}."
         )
     jets = formula_jets([tree], names, label)
     if not jets.programs[0].variables:
         raise SceneError(f"{label} must depend on {', '.join(names)}, got the constant {shown(text)}.")
-    return FormulaField(text, dim, jets)
+    arguments = [argument for node in ast.walk(tree) if (argument := _kink_argument(node)) is not None]
+    kinks = [FormulaField(ast.unparse(each), dim, formula_jets([each], names, label)) for each in arguments]
+    return FormulaField(text, dim, jets, tuple(kink for kink in kinks if kink.jets.programs[0].variables))
+
+
+def _kink_argument(node: ast.AST) -> ast.expr | None:
+    """Return the function at whose zeros the gradient of ``node`` may jump; None if there is none."""
+    match node:
+        case ast.Call(func=ast.Name(id="abs"), args=[argument]):
+            return argument
+        case ast.Call(func=ast.Name(id="minimum" | "maximum"), args=[first, second]):
+            return ast.BinOp(first, ast.Sub(), second)
+    return None
 
 
 def _is_rough(node: ast.AST) -> bool:
-    """Return whether a node of a formula's tree lacks a second derivative: a rough function, % or a comparison."""
+    """Return whether a node of a formula's tree jumps: a rough function, % or a comparison."""
     match node:
         case ast.Call(func=ast.Name(id=name)):
             return name in ROUGH_FUNCTIONS

@@ -20,11 +20,13 @@ from cpmkit.plugin import (
     positive,
     source_repr,
 )
+from cpmkit_levelset.creases import common_points, crease_kinks, layered_set
 from cpmkit_levelset.fields import Field, FunctionField
+from cpmkit_levelset.formulas import FormulaField
 from cpmkit_levelset.manifold import ZeroSet, unit_or_nan
 from cpmkit_levelset.marching import marching_simplices
 from cpmkit_levelset.sampling import COVERING_SPACINGS, evaluate_chunked, exit_points, sample_lattice, surface_samples
-from cpmkit_levelset.search import Layer, build_layer, find_nearest_points
+from cpmkit_levelset.search import LayeredSet
 
 #: Queries that are answered at a time: temporary arrays stay in the cache.
 LEVELSET_PARCEL_QUERIES = 8192
@@ -47,13 +49,13 @@ class LevelSet:
     ----------
     field : Field
         The function phi.
-    trim : Field or None
+    trim : FormulaField or None
         The function that is at most zero on the part; None: the whole.
     box : (2, d) float64
         The corners of the box in which the zero set lies, as it was given.
-    surface : Layer
+    surface : LayeredSet
         Samples of the zero set, and of what lies a little beyond its edge.
-    edge : Layer or None
+    edge : LayeredSet or None
         Samples of the edge.
     shift : (d,) float64
         Added to every foot: how far the source was translated.
@@ -62,10 +64,10 @@ class LevelSet:
     """
 
     field: Field
-    trim: Field | None
+    trim: FormulaField | None
     box: Floats
-    surface: Layer
-    edge: Layer | None
+    surface: LayeredSet
+    edge: LayeredSet | None
     shift: Floats
     slope_error: float = 0.0
 
@@ -144,13 +146,13 @@ class LevelSet:
     def _find_feet(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
         """Return points (n, d), distances, edges and doubts (n,) of queries ``x`` (n, d), without the shift."""
         if self.edge is None:
-            result = find_nearest_points(self.surface, x)
+            result = self.surface.find_nearest(x)
             return result.points, result.distance, np.full(len(x), -1), ~result.sure
-        rim = find_nearest_points(self.edge, x)
-        result = find_nearest_points(self.surface, x, rim.distance, self._is_inside)
+        rim = self.edge.find_nearest(x)
+        result = self.surface.find_nearest(x, rim.distance, self._is_inside)
         on_rim = ~(result.distance < rim.distance)
         # the edge is nowhere nearer than the foot on it less the covering radius: beyond that its doubts do not count
-        sure = result.sure & (rim.sure | (result.distance < rim.distance - self.edge.covering))
+        sure = result.sure & (rim.sure | (result.distance < rim.distance - self.edge.layers[0].covering))
         points = np.where(on_rim[:, None], rim.points, result.points)
         distance = np.where(on_rim, rim.distance, result.distance)
         return points, distance, np.where(on_rim, self._edge_numbers(rim.points), -1), ~sure
@@ -159,14 +161,14 @@ class LevelSet:
         """Return (n,) 0 for ``points`` (n, d) on the edge of a surface; of a curve, the number of the nearest end."""
         if self.dim == 3 or self.edge is None:
             return np.zeros(len(points), dtype=np.int64)
-        number: Ints = self.edge.tree.query(points)[1].astype(np.int64)
+        number: Ints = self.edge.layers[0].tree.query(points)[1].astype(np.int64)
         return number
 
     def _is_inside(self, points: Floats) -> Bools:
         """Return (n,) whether ``points`` (n, d) of the zero set belong to the trimmed part, off its edge."""
         assert self.trim is not None
         value, gradient = self.trim.gradient(points)
-        inside: Bools = value < -ON_LEVELSET_EDGE_SHARE * self.surface.zero_set.size * norms(gradient)
+        inside: Bools = value < -ON_LEVELSET_EDGE_SHARE * self.surface.size * norms(gradient)
         return inside
 
     def _orient_cells(self, feet: ClosestPoints, cells: Ints) -> Ints:
@@ -184,7 +186,7 @@ class LevelSet:
     @cached_property
     def _extent(self) -> Floats:
         """(2, d) the box around the feet of queries so far away that their feet are the extreme points."""
-        size, centre = self.surface.zero_set.size, self.box.mean(axis=0)
+        size, centre = self.surface.size, self.box.mean(axis=0)
         directions = np.concatenate([-np.eye(self.dim), np.eye(self.dim)])
         extremes = self._find_feet(centre + 1e6 * size * directions)[0]
         extent: Floats = np.stack([extremes.min(axis=0), extremes.max(axis=0)]) + 1e-6 * size * np.array(
@@ -193,7 +195,7 @@ class LevelSet:
         return extent
 
 
-def level_set(field: Field, trim: Field | None, box: Floats, resolution: int) -> LevelSet:
+def level_set(field: Field, trim: FormulaField | None, box: Floats, resolution: int) -> LevelSet:
     """Return the level set of ``field`` in ``box`` (2, d), sampled with ``resolution`` cells along its longest side.
 
     Raise InputError if phi is not finite on the lattice of samples, has no zero set there, or one that runs out of the
@@ -213,36 +215,31 @@ def level_set(field: Field, trim: Field | None, box: Floats, resolution: int) ->
             f"the zero set runs out of the bounds at {len(leaks)} lattice points, first near {leaks[0].tolist()}; "
             "widen the bounds until they hold it, or cut it off inside of them with trim."
         )
-    edge = None
+    kinks, edge = crease_kinks(field, samples, size, spacing), None
     if trim is not None:
-        samples, edge = _trim_samples(field, trim, samples, size, spacing)
-    return LevelSet(
-        field, trim, box, build_layer(zero_set, samples, COVERING_SPACINGS * spacing), edge, np.zeros(field.dim)
-    )
+        samples, edge = _trim_samples(field, trim, samples, size, spacing, kinks)
+    return LevelSet(field, trim, box, layered_set(zero_set, samples, kinks, spacing), edge, np.zeros(field.dim))
 
 
 def _trim_samples(
-    field: Field, trim: Field, samples: Floats, size: float, spacing: float
-) -> tuple[Floats, Layer | None]:
-    """Return the samples where trim <= 0, or nearly so, and the layer of the edge, None if nothing is cut.
+    field: Field, trim: FormulaField, samples: Floats, size: float, spacing: float, kinks: tuple[FormulaField, ...]
+) -> tuple[Floats, LayeredSet | None]:
+    """Return the samples where trim <= 0, or nearly so, and the layers of the edge, None if nothing is cut.
 
-    ``spacing`` is that of the lattice. Raise InputError if no sample is left, or a curve has more than two ends.
+    ``spacing`` is that of the lattice; ``kinks`` are those of ``field`` that make creases. Raise InputError if no
+    sample is left, or a curve has more than two ends.
     """
     inside = trim.value(samples) <= 0
     if not inside.any():
         raise InputError("trim leaves nothing of the zero set: it keeps the points where trim <= 0; change its sign.")
     rim = ZeroSet((field, trim), size)
-    away = rim.distance_estimate(samples)
-    near = away <= 1.5 * spacing
-    points, converged = rim.project(samples[near], 3 * spacing)
-    points = points[converged]
+    points = common_points(rim, samples, spacing)
     if not len(points):
         return samples[inside], None
+    near = inside | (rim.distance_estimate(samples) <= COVERING_SPACINGS * spacing)
     if field.dim == 2:
-        points = _distinct_ends(points, size)
-    return samples[inside | (away <= COVERING_SPACINGS * spacing)], build_layer(
-        rim, points, COVERING_SPACINGS * spacing
-    )
+        return samples[near], layered_set(rim, _distinct_ends(points, size), (), spacing)
+    return samples[near], layered_set(rim, points, (*trim.kinks, *kinks), spacing)
 
 
 def _distinct_ends(points: Floats, size: float) -> Floats:

@@ -35,6 +35,8 @@ PAIRS_IN_ONE_GO = 200_000
 LEVELSET_DESCENTS = 10
 #: What a sample's model says is trusted to this share of the covering radius and of its curvature.
 SAME_BASIN_COVERINGS, MODEL_TRUST_SHARE, STATIONARY_COVERINGS = 1.25, 0.1, 0.5
+#: A descent that ends within this share of the covering radius from a crease has been stopped by it.
+ON_CREASE_COVERINGS = 0.01
 #: Samples whose radius of curvature is below this many covering radii have no model to trust.
 ROUGH_RADIUS_COVERINGS = 1.0
 #: A model's minimum is looked for up to this many covering radii from its sample.
@@ -78,6 +80,8 @@ class Layer:
         Their curvature vectors: along direction i, M is 1 - curvatures_i . (x - s).
     covering : float
         Each point of the zero set has a sample within this distance.
+    creases : tuple of ZeroSet
+        Where a descent may end without being stationary; they are searched as layers of their own.
     """
 
     zero_set: ZeroSet
@@ -86,6 +90,7 @@ class Layer:
     tangents: Floats
     curvatures: Floats
     covering: float
+    creases: tuple[ZeroSet, ...] = ()
 
     @cached_property
     def largest_curvatures(self) -> Floats:
@@ -116,12 +121,47 @@ class BestPoints:
     sure: Bools
 
 
-def build_layer(zero_set: ZeroSet, samples: Floats, covering: float) -> Layer:
+@dataclass(frozen=True, eq=False)
+class LayeredSet:
+    """A zero set with creases: each face and each crease is searched by itself, as no descent crosses a crease.
+
+    Attributes
+    ----------
+    layers : tuple of Layer
+        Samples of the faces, then of the creases.
+    corners : (c, d) float64
+        The points at which creases meet.
+    """
+
+    layers: tuple[Layer, ...]
+    corners: Floats
+
+    @property
+    def size(self) -> float:
+        """The length that tolerances are relative to."""
+        return self.layers[0].zero_set.size
+
+    def find_nearest(self, x: Floats, known: Floats | None = None, keep: Keep | None = None) -> BestPoints:
+        """Return the nearest points for the queries ``x`` (n, d); parameters as in :func:`find_nearest_points`."""
+        result = find_nearest_points(self.layers[0], x, known, keep)
+        for layer in self.layers[1:]:
+            other = find_nearest_points(layer, x, result.distance, keep)
+            nearer = other.distance < result.distance
+            points = np.where(nearer[:, None], other.points, result.points)
+            result = BestPoints(points, other.distance, result.sure & other.sure)
+        for corner in self.corners if keep is None else self.corners[keep(self.corners)]:
+            distance = norms(x - corner)
+            nearer = distance < result.distance
+            result.points[nearer], result.distance[nearer] = corner, distance[nearer]
+        return result
+
+
+def build_layer(zero_set: ZeroSet, samples: Floats, covering: float, creases: tuple[ZeroSet, ...] = ()) -> Layer:
     """Return the layer of ``zero_set`` with ``samples`` (k, d), one within ``covering`` of each of its points."""
     from scipy.spatial import cKDTree
 
     tangents, curvatures = _principal_curvatures(zero_set, samples)
-    return Layer(zero_set, samples, cKDTree(samples), tangents, curvatures, covering)
+    return Layer(zero_set, samples, cKDTree(samples), tangents, curvatures, covering, creases)
 
 
 def find_nearest_points(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | None = None) -> BestPoints:
@@ -175,7 +215,11 @@ def _descend_from_samples(where: Layer, x: Floats, before: BestPoints, count: in
         chosen = choose_starts(untried, minimum, starts, active, room, most, reach, rows, columns)
         rows, columns, most = rows[:chosen], columns[:chosen], LEVELSET_DESCENTS
         foot, converged = minimize_distance(where.zero_set, x[rows], starts[rows, columns], 2 * where.covering)
-        failed[rows[~converged]] = True
+        stuck, end = rows[~converged], foot[~converged]
+        for crease in where.creases:
+            away = crease.distance_estimate(end) > ON_CREASE_COVERINGS * where.covering
+            stuck, end = stuck[away], end[away]
+        failed[stuck] = True
         clear_nearby_samples(untried, minimum, starts, rows, foot, reach)
         distance = norms(x[rows] - foot)
         if keep is not None:

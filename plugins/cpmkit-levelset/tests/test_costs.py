@@ -62,7 +62,7 @@ def test_a_ridge_between_two_basins_is_left_in_few_steps(height, counted):
     surface, r = ck.source("levelset.expression", **FLAT), 0.9
     x = np.array([[r, 0.0, height]])
     counted.clear()
-    foot, converged = minimize_distance(surface.surface.zero_set, x, np.array([[1.0, 0.0, 0.0]]), 0.05)
+    foot, converged = minimize_distance(surface.surface.layers[0].zero_set, x, np.array([[1.0, 0.0, 0.0]]), 0.05)
     assert len(counted) <= 45
     assert converged.all()
     across = r / (1 - 0.01)

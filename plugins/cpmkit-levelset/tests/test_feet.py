@@ -56,7 +56,7 @@ def test_feet_are_those_of_the_closed_form(name):
 @pytest.mark.parametrize("kind", ["dziuk", "decotetrahedron", "tooth", "goursat"])
 def test_no_start_from_a_dense_cloud_leads_to_a_nearer_point(kind):
     surface = ck.source(f"levelset.{kind}")
-    dense = ck.source(f"levelset.{kind}", resolution=100).surface
+    dense = ck.source(f"levelset.{kind}", resolution=100).surface.layers[0]
     rng = np.random.default_rng(5)
     x = rng.uniform(*(1.3 * surface.bounds), (300, 3))
     feet = surface.closest_point(x)
