@@ -73,7 +73,7 @@ def solve_discretized(
     solver = make_step_solver(options, chosen) if steps else make_solver(chosen, options.further)
     default_tolerance = options.solver_tolerance is None
     context = SolveContext(
-        form, solver, chosen, options.residual, progress, started, checkpointing, guess, cache, default_tolerance
+        form, solver, chosen, options.tolerance, progress, started, checkpointing, guess, cache, default_tolerance
     )
     if form.scene.has_tensor:
         require_ability(form, "diffusivity that is a tensor")

@@ -43,7 +43,7 @@ class RowGroups:
         """Return the sums (groups, ...) of ``rows`` (n, ...) by group."""
         return self.reduce_groups(np.add, rows)
 
-    def products(self, left: Any, right: Any) -> Any:
+    def inner_products(self, left: Any, right: Any) -> Any:
         """Return ``left' right`` (groups, k, m) for the rows of each group of ``left`` (n, k) and ``right`` (n, m)."""
         if len(self.starts) == 1:
             return (left.T @ right)[None]
@@ -128,10 +128,10 @@ class ConstantFunctions:
         c solves the normal equations of each component for b (n, channels), then for the rest, against rounding.
         """
         conjugate = self.images.conj()
-        inverse = np.linalg.pinv(self.pieces.products(conjugate, self.images), hermitian=True)
+        inverse = np.linalg.pinv(self.pieces.inner_products(conjugate, self.images), hermitian=True)
         shares, rest = np.zeros(1), b
         for _ in range(2):
-            shares = shares + inverse @ self.pieces.products(conjugate, rest)
+            shares = shares + inverse @ self.pieces.inner_products(conjugate, rest)
             rest = b - np.einsum("nk,nkc->nc", self.images, self.pieces.spread_to_rows(shares))
         return shares, rest
 
@@ -142,7 +142,8 @@ class ConstantFunctions:
         or where the resulting mean is larger than the range of u, the solution of ``A u = b``.
         """
         each = self.pieces
-        sums, sizes = np.abs(each.products(self.functions, b)), each.products(np.abs(self.functions), np.abs(b))
+        sums = np.abs(each.inner_products(self.functions, b))
+        sizes = each.inner_products(np.abs(self.functions), np.abs(b))
         denominators = each.sums(self.functions * self.images)[:, :, None]
         shift = np.divide(sums, np.abs(denominators), out=np.zeros_like(sums), where=denominators != 0)
         ranges = each.reduce_groups(np.maximum, u) - each.reduce_groups(np.minimum, u)

@@ -118,7 +118,7 @@ class SolverOptions(DeclaredOptions):
             whole(further["max_iterations"], f"max_iterations of the solver {name!r}", 1)
 
     @property
-    def residual(self) -> float:
+    def tolerance(self) -> float:
         """The relative residual that linear systems have to reach, the default if the user sets none."""
         return 1e-10 if self.solver_tolerance is None else self.solver_tolerance
 

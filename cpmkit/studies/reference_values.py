@@ -170,7 +170,7 @@ def solve_by_fixed_nodes(
     clock.append(time.perf_counter())
     chosen = choose_solver(solver.solver, operator.size, largest_dim(scene.surface))
     prepared = make_solver(chosen, solver.further).prepare(operator)
-    values[~fixed], report = prepared.solve(b, solver.residual, progress=progress)
+    values[~fixed], report = prepared.solve(b, solver.tolerance, progress=progress)
     clock.append(time.perf_counter())
     seconds = {"build": clock[1] - clock[0], "solve": clock[2] - clock[1]}
     work = measure_work(tables, operator, report)

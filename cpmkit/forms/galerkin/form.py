@@ -132,7 +132,7 @@ class Galerkin(EquationAssembly, Discretized):
         return self.space.weighted_mass(self.coefficients.append_boundary_samples(values))
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
-        """Return the integrals (n, n) of a u v over boundaries with du/db = lambda u; None if there are none."""
+        """Return the integrals (n, n) of a u v over boundaries and rims with du/db = lambda u; None if none have it."""
         assert isinstance(stiffness, GalerkinOperator)
         assert stiffness.conditions is not None
         matrix = stiffness.conditions.boundary_mass
@@ -223,8 +223,8 @@ class Galerkin(EquationAssembly, Discretized):
 
         The projections overshoot by a tenth of a jump on both sides, and below zero beside a spike. With ``in_range``
         the coefficients of channels with spikes or jumps are therefore the means of the data under each spline, which
-        keep the range and the total, and spread the data as heat spreads in a time of h^2 / 4. Data are those at
-        ``time``, called ``label`` in errors; ``step`` is unused.
+        keep the range and the total, and spread the data as heat does in a time of (degree + 1) h^2 / 12. Data are
+        those at ``time``, called ``label`` in errors; ``step`` is unused.
         """
         values = self.data_at_points(data, label, time, self.scene.channels)
         loads = self.space.load(values)
@@ -357,7 +357,7 @@ class Galerkin(EquationAssembly, Discretized):
         return side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
 
     def arrays(self) -> dict[str, Any]:
-        """Return the options of the lattice, the arrays of the space, and the moments of the sides of boundaries."""
+        """Return the options, the origin of the lattice, the arrays of the space, and the boundaries' side moments."""
         options = {**self.options.as_dict(), "origin": self.sampled.lattice.origin}
         arrays = {name: np.array(value) for name, value in options.items()}
         return {**arrays, **self.space.arrays(), "sides": self._side_moments}

@@ -68,7 +68,7 @@ def cap():
 def test_neighbouring_cells_differ_by_one_level_at_most():
     found = Regions(1.0, 2).with_subdivided(np.array([3]), np.array([[17, 5]]), 4)
     places = np.indices((200, 200)).reshape(2, -1).T / 200 * 4 - 0.47
-    level = found.levels(places).reshape(200, 200)
+    level = found.levels_at(places).reshape(200, 200)
     assert level.max() == 4
     assert np.abs(np.diff(level, axis=0)).max() == 1
     assert np.abs(np.diff(level, axis=1)).max() == 1

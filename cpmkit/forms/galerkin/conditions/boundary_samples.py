@@ -210,8 +210,7 @@ def boundary_samples(
 
     ``mesh`` has flat or quadratic cells, ``half`` are its facets on boundaries and rims, once for each cell beside
     them, and ``corners`` (m, k) the vertices of the cells after cutting. ``points`` maps the number of each boundary
-    that consists of points of a surface to the vertices (k,) at these points, whose samples come last; None if there
-    are none.
+    that consists of points of a surface to their vertices (k,), whose samples come last; None if there are none.
     """
     chosen = np.flatnonzero((half.cut >= 0) | rims)
     facet_points = points_on_edges if mesh.manifold_dim == 2 else ends_of_segments

@@ -71,8 +71,8 @@ def side_moments(samples: BoundarySamples, left: Bools, count: int) -> Floats:
     """Return moments (count, d, d + 1) of the conormals out of the left side of each of ``count`` boundaries.
 
     They are the integrals of the conormal times 1 and times each coordinate, zero for boundaries at points. They change
-    sign if left and right are swapped, and hardly depend on the facets into which the boundary is divided. ``left``
-    (b,) is whether each sample is on the left.
+    sign if left and right are swapped, except on rims, and hardly depend on the facets into which the boundary is
+    divided. ``left`` (b,) is whether each sample is on the left.
     """
     dim = samples.points.shape[1]
     moments = np.zeros((count, dim, dim + 1))

@@ -95,7 +95,7 @@ def needs_rims(scene: Scene) -> bool:
 def imposed_conditions(
     scene: Scene, samples: BoundarySamples, left: Bools, surface: LocalSource, lattice: Lattice
 ) -> tuple[ImposedCondition, ...]:
-    """Return the conditions of a scene, each with the samples at which it is imposed.
+    """Return the conditions of a scene, and continuity at ties, each with the samples at which it is imposed.
 
     Raises SceneError if a law couples two sides where there are not two, if a condition other than a value is given at
     a point of a surface, if a condition is given for an edge, a loop or a part that the manifold does not have, or if a
@@ -212,7 +212,7 @@ def _rim_conditions(
 
 
 def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
-    """Return the loop (k,) of ``surface``'s rim at each sample, where unknown the nearest's; -1 if known at none."""
+    """Return the number (k,) of the rim loop at each sample, that of the nearest if unknown; -1 if known at none."""
     from scipy.spatial import KDTree
 
     target: Floats = samples.points + PAST_RIM_SPACINGS * spacing * samples.conormals

@@ -315,7 +315,7 @@ def _build_refined_dof_map(
     samples: Samples, corners: Any, levels: Sequence[LevelSplines], regions: Regions
 ) -> tuple[RefinedDofMap, list[Ints]]:
     """Return the dof map of the magnified levels, and for each level the numbers (k_l,) of its splines in that map."""
-    level_of_sample = regions.levels(samples.points)
+    level_of_sample = regions.levels_at(samples.points)
     code, cell_count = np.empty(len(samples), dtype=np.int64), 0
     for number in range(len(levels)):
         rows = np.flatnonzero(level_of_sample == number)

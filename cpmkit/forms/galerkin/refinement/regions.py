@@ -41,7 +41,7 @@ class Regions:
         """Return (q, d) the cells of a level that contain ``points`` (q, d), given relative to the lattice's origin."""
         return np.floor(2.0**level * (points / self.spacing + 0.5)).astype(np.int64)
 
-    def levels(self, points: Floats, around: float = 0.0) -> Ints:
+    def levels_at(self, points: Floats, around: float = 0.0) -> Ints:
         """Return (q,) the finest level of the splines at or around each of the ``points`` (q, d).
 
         Points are relative to the lattice's origin. Around means displaced along all axes, with any signs, by the share
@@ -137,7 +137,7 @@ def _is_long(mesh: Mesh, regions: Regions, near_codes: Ints, spacings: float) ->
     first, second = vertices[np.sort(ends[rows], axis=1)].transpose(1, 0, 2)
     level = np.zeros(len(rows), dtype=np.int64)
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        level = np.maximum(level, regions.levels((1 - share) * first + share * second, 0.25))
+        level = np.maximum(level, regions.levels_at((1 - share) * first + share * second, 0.25))
     long[:] = False
     long[rows] = lengths[rows] > longest * 0.5**level
     return long
@@ -169,7 +169,7 @@ def graded_samples(
     """
     middle = mesh.vertices[mesh.cells].mean(axis=1)
     corners = [mesh.vertices[vertices] for vertices in mesh.cells.T]
-    levels = np.max([regions.levels(points) for points in (middle, *corners)], axis=0)
+    levels = np.max([regions.levels_at(points) for points in (middle, *corners)], axis=0)
     by_level = [
         _samples_of_level(mesh, np.flatnonzero(levels == level), regions, level, sampling, geometry)
         for level in range(regions.finest + 1)

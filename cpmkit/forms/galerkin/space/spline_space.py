@@ -98,7 +98,7 @@ def _outer(first: Floats, second: Floats) -> Floats:
 
 
 def _patch_rows(dof_map: DofMap, patch: Ints, entries: Floats) -> SparseMatrix:
-    """Return the matrix (k, n) with ``entries`` (k, w) in the columns of the unknowns that the patches (k,) read."""
+    """Return the matrix (k, n) with ``entries`` (k, w) summed in the columns of the unknowns of the patches (k,)."""
     from scipy.sparse import csr_array
 
     k, width = entries.shape
