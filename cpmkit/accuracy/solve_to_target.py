@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.accuracy.adaptive_run import AdaptiveRun, SolveStep, TimedSolve
 from cpmkit.accuracy.error_estimate import ErrorEstimate, estimate_alone, estimate_from
-from cpmkit.accuracy.estimate import shifted_origin
+from cpmkit.accuracy.estimate import check_estimable, shifted_origin
 from cpmkit.accuracy.spacing_search import CUBIC_ERROR, Status, errors_stagnate, predicted_bytes, search_spacing
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
@@ -167,8 +167,9 @@ def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float 
     Raises
     ------
     CpmkitError
-        As the recipe does at twice the spacing.
+        As the recipe does at twice the spacing; InputError where differences of solutions do not measure their errors.
     """
+    check_estimable(solution.discretized)
     spacing = 2.0 * solution.spacing
     with collected_warnings():
         coarse = recipe(spacing, shifted_origin(solution.scene, spacing))

@@ -137,7 +137,13 @@ def test_what_flows_through_a_joint_is_warned_of_and_has_no_estimate(spacing):
     with pytest.warns(ck.CpmkitWarning, match=r"Members 1 \(a curve\) and 0 \(a surface\) of the union meet"):
         solution = ck.solve(scene, spacing, estimate=True)
     assert solution.estimated is None
-    for estimate in (lambda: solution.error, lambda: ck.estimate_error(scene, spacing)):
+    again = lambda spacing, origin: ck.solve(scene, spacing, origin=origin)  # noqa: E731
+    estimates = (
+        lambda: solution.error,
+        lambda: ck.estimate_error(scene, spacing),
+        lambda: ck.estimate_error_by(again, solution),
+    )
+    for estimate in estimates:
         with pytest.raises(InputError, match="The error of this solution has no estimate"):
             estimate()
 
