@@ -198,11 +198,11 @@ def _goal_spacing(run: AdaptiveRun, aim: float) -> float:
 
 
 def assumed_order(run: AdaptiveRun) -> float:
-    """Return the order at which the error is assumed to fall: the mean of the observed order and the form's.
+    """Return the order at which the error is assumed to fall: the mean of the observed order and :func:`_prior_order`.
 
-    It is from 0.8 to 3, or 1.3 if the form's is below 1.3. It is observed between the last two solves with estimated
-    errors, without the error in time; if there are fewer, from the errors estimated from the last two solutions alone;
-    if these are unknown, or the spacings nearly equal, it is the form's.
+    It is bounded by 0.8 and 3, or 1.3 if the prior one is below 1.3. It is observed between the last two solves with
+    estimated errors, without the error in time; if there are fewer, from the errors estimated from the last two
+    solutions alone; if these are unknown, or the spacings nearly equal, the prior order is taken.
     """
     observed = prior = _prior_order(run)
     pair = _comparable_solves(run)[-2:]

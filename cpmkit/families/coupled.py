@@ -36,8 +36,8 @@ from cpmkit.types import Floats, Sides, SparseMatrix
 def solve_coupled(context: SolveContext) -> SolutionRecord:
     """Assemble and solve the system of all channels of coupled equations, and return the solution.
 
-    Raises InputError if the coupling is not accepted, and SceneError if the form has none or the solution is not
-    unique. Raises ConvergenceError if the solver does not reach the tolerance.
+    Raises InputError if the coupling is not accepted, and SceneError if the form has no coupled channels or the
+    solution is not unique. Raises ConvergenceError if the solver does not reach the tolerance.
     """
     form, problem = context.discretized, cast("Coupled", context.scene.problem)
     require_ability(form, "coupled channels")

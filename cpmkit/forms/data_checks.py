@@ -185,7 +185,7 @@ def balanced_solution(
 
 
 def _describe_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
-    """Return the fields explained, near and share of an imbalance on the piece of the points where ``on_piece`` (p,).
+    """Return the fields explained, near and share of an imbalance on the piece with the points ``on_piece`` (p,) bool.
 
     ``near`` is empty and ``share`` 0 for a piece without points.
     """
@@ -210,7 +210,7 @@ class DataAtPoints(NamedTuple):
 
 
 def data_warnings(form: Discretized, conditions: Iterable[DataAtPoints], spacing: float | None = None) -> list[str]:
-    """Return a list with a warning for each of a scene's data that is a function of points and varies in a spacing.
+    """Return a list with a warning for each of a scene's data that is a function of points and varies within a spacing.
 
     ``form``: the form, at some of whose points the data of the equation are read.
     ``conditions``: the data of the conditions.
@@ -224,7 +224,7 @@ def nugget(values: Floats, points: Floats, spacing: float) -> float:
     """Return sqrt(A) over the root mean square of ``values`` (k, channels) at ``points`` (k, d), A being the nugget.
 
     A is fitted to the differences between neighbours within 3/4 of a spacing. The largest ratio of all channels is
-    returned; zero if there are fewer than six pairs of neighbours.
+    returned; zero if all points together have fewer than six neighbours.
     """
     from scipy.spatial import cKDTree
 

@@ -243,8 +243,8 @@ class SolutionRecord:
         Raises
         ------
         InputError
-            If there is no such boundary or edge, ``side`` is missing or given for an edge, the boundary has no sides (a
-            point on a surface), or the surface has no mesh whose rim could be followed.
+            If there is no such boundary or edge, ``side`` is missing or given for an edge, or the boundary has no sides
+            (a point on a surface); for an edge if the surface is a solid in space or has no mesh to follow.
 
         Examples
         --------
@@ -336,8 +336,8 @@ class SolutionRecord:
     def ties(self) -> Floats:
         """Edges (t, 2, d), on curves points (t, 1, d), where the Galerkin form ties parts with unknowns of their own.
 
-        They lie at creases and junctions, and between parts that are near in space but not along the manifold. Other
-        forms have none.
+        They lie at creases and junctions, and between parts that are near in space but not along the manifold. Without
+        any, as in other forms, the shape is (0, 1, d).
         """
         ties = self.discretized.diagnosis().ties
         return np.zeros((0, 1, self.scene.surface.dim)) if ties is None else ties

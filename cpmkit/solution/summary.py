@@ -69,7 +69,7 @@ def _describe_loop(conditions: LoopConditions) -> Any:
 
 
 def _describe_condition(condition: Condition) -> str:
-    """Return the kind of a condition and its data in words; a single datum without its name."""
+    """Return the kind of a condition and its data in words; a datum has its name if it is not alone."""
     data = {name: _as_plain(value) for name, value in _arguments(condition).items() if (name, value) != ("order", None)}
     alone = len(data) == 1 and "order" not in data
     return " ".join([condition.kind, *(f"{value}" if alone else f"{name}={value}" for name, value in data.items())])

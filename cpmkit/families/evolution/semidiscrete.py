@@ -71,7 +71,7 @@ def schedule(until: float, step: float, frames: Sequence[float], start: float = 
 
 
 def _steps_between(start: float, stop: float, step: float, is_frame: bool) -> Iterator[Step]:
-    """Yield equal steps from ``start`` to ``stop``, the last shorter if they do not fit; it alone has ``is_frame``."""
+    """Yield equal steps from ``start`` to ``stop``; the last is shorter if they do not fit, a frame if ``is_frame``."""
     ratio = (stop - start) / step
     whole = int(ratio + ROUNDED_STEP_SHARE)
     rest = round(ratio - whole, 9)  # equal steps share a system
@@ -193,7 +193,7 @@ class SemiDiscrete:
         return self._load + self._condition_load(0.0)
 
     def forcing(self, time: float) -> Floats:
-        """Return the forcing b (n, channels) at a time; data that do not depend on the time are evaluated once."""
+        """Return the forcing b (n, channels) at a time, computed once if no data depend on it; so is the load of f."""
         if not self.depends_on_time:
             return self.steady_forcing
         load = self.form.load(self.f, time) if takes_time(self.f) else self._load
