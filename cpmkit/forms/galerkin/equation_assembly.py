@@ -266,7 +266,7 @@ class EquationAssembly:
         ``boundary`` is a name, or the number of a loop; any other name means the rim. They follow from the residual of
         ``u`` (n, channels) in the weak form with data at ``time``; None if the eigenvalue is a factor of the flux, and
         for rims without samples, unless A is a tensor: then 0. For a tensor A, du/db is the derivative along
-        A b / (b . A b), b the conormal outwards.
+        A b / (b . A b), b the conormal outwards. Raises InputError if ``side`` is not one of the boundary's.
         """
         sampled, samples = self.coefficients.sampled, self.coefficients.sampled.boundary
         names = [boundary.name for boundary in self.coefficients.boundaries]

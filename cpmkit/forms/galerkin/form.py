@@ -250,7 +250,10 @@ class Galerkin(EquationAssembly, Discretized):
         return self.coefficients.evaluation_matrix(points, side)
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the tangential gradient (k, channels, d), L2 projected, at ``points``; if None at samples as it is."""
+        """Return the tangential gradient (k, channels, d) of u at ``points`` (k, d), L2 projected.
+
+        At the samples, for ``points`` None, it is not projected. Raises InputError as :meth:`evaluation_matrix`.
+        """
         if points is None:
             return self.space.gradients_at_samples(u)
         return self.coefficients.gradient(u, points, side)
@@ -265,7 +268,10 @@ class Galerkin(EquationAssembly, Discretized):
         return self.coefficients.conormal_derivative(u, points, boundary, side, self.scene)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return distances (k,) of ``points`` from a boundary: left positive; NaN past its ends or without a left."""
+        """Return the distances (k,) of ``points`` (k, d) from the boundary ``name``, positive on its left.
+
+        NaN past its open ends, and everywhere if it has no left. Raises InputError for points or names not accepted.
+        """
         return self.coefficients.signed_distance(name, points)
 
     # Diagnosis

@@ -54,8 +54,7 @@ class PatchLocator:
     def patches(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
         """Return the patches (k,) that evaluate u at ``feet`` (k,), and the samples (k,) by which they were chosen.
 
-        Feet are relative to the lattice's origin. A foot on boundary number b is evaluated on the side ``side_of[b]``,
-        by default on the left.
+        Feet are relative to the lattice's origin. Those on boundary b are evaluated on ``side_of[b]``, by default left.
         """
         points = feet.points
         patch, nearest = (np.empty(len(points), dtype=np.int64) for _ in range(2))
@@ -81,8 +80,7 @@ class PatchLocator:
     def signed_distance(self, number: int, points: Floats) -> Floats:
         """Return the distances (k,) of ``points`` (k, d) from boundary ``number``, positive on its left.
 
-        Points are relative to the lattice's origin. The distance is NaN past open ends of the boundary, and
-        everywhere if it has no left.
+        Points are relative to the lattice's origin. NaN past open ends of the boundary, everywhere if it has no left.
         """
         oriented = self.boundaries[number]
         at = self.lattice.to_scene(points) - oriented.left.origin

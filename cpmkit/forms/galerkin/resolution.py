@@ -131,8 +131,7 @@ class Resolution:
         Steady problems -div(a grad u) + c u = f have layers of width sqrt(a / c), with the least a and the largest c,
         along boundaries and rims with conditions (rims with zero flux alone have none). With a tensor a they may be
         anywhere: a is then its smallest eigenvalue in the tangent space, and the width is at most half the extent of
-        the manifold times sqrt(smallest / largest eigenvalue). For other problems, and where a depends on u, it is
-        infinite.
+        the manifold times sqrt(smallest / largest eigenvalue). Infinite for other problems and where a depends on u.
         """
         terms = self.scene.problem.terms()
         if self.scene.problem.family != "steady" or isinstance(terms.diffusivity, StateDiffusivity):

@@ -275,8 +275,7 @@ def condition_terms(
     ``integrals``, ``logarithms`` (n,): the integral of each spline over the manifold, and of each spline times the
         logarithm of the diffusivity, or of a tensor's mean over tangents.
     ``diffusivity``, Data or tensor: the diffusivity of the equation.
-    ``slopes_along``: maps directions (b, d) to the matrix (b, n) of derivatives along them at the samples; None if the
-        diffusivity is no tensor.
+    ``slopes_along``: maps directions (b, d) to the derivatives (b, n) along them at samples; None without a tensor.
     ``spacings`` (b,) or (1,): the spacing of the splines at the samples.
     """
     values, slopes = traces

@@ -206,8 +206,7 @@ def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Flo
 def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Floats) -> None:
     """Add squared differences of order k - 1 along ``runs`` (r, k), times ``factors`` (r,), to the entries ``data``.
 
-    Each run is a sequence of k unknowns along an axis; ``data`` (z,), changed in place, are those of a matrix of the
-    space.
+    Each run is k unknowns along an axis; ``data`` (z,), changed in place, are those of a matrix of the space.
     """
     by_unknown = inverse_index(runs.ravel(), space.dof_map.size)
     matrix = space.indptr, space.indices, data

@@ -61,8 +61,7 @@ def _evaluate(t: Floats, coefficients: Floats) -> Floats:
 def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> SparseMatrix:
     """Return the matrix (k, n) that evaluates u at ``points`` (k, d), each by the splines of its ``patch`` (k,).
 
-    A patch is a connected part of the manifold in one lattice cell, and has (degree + 1)^d splines. Points are relative
-    to the origin of the lattice.
+    A patch is a connected part of the manifold in one lattice cell. Points are relative to the lattice's origin.
     """
     values = spline_values(_cell_coordinates(dof_map, patch, points), dof_map.degree)
     entries = values[:, 0]
