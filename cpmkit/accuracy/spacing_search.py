@@ -166,8 +166,8 @@ def errors_stagnate(run: AdaptiveRun) -> bool:
     """Return True if smaller spacings no longer reduce the error.
 
     Either the error has risen and is of the size that the residuals of linear solves cause, which grow as the spacing
-    falls; or of the last four errors the first is smallest, and the last not below the second. False if fewer than two
-    errors are known, the last among them.
+    falls; or of the last four errors the first is smallest, and the last not below the second. False unless the last
+    error is known, and one before it at 1.3 times the spacing or more.
     """
     known = _comparable_solves(run)[-4:]
     errors = [solve.error for solve in known]

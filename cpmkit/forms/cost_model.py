@@ -195,7 +195,7 @@ class CostModel(ABC, Generic[Own]):
         return {name: round(max(growth.count_at(self.options.spacing), fine[name])) for name, growth in growths.items()}
 
     def band_unknowns(self, source: LocalSource) -> float:
-        """Return the approximate number of unknowns in a closest point band around ``source``; 0 for a point."""
+        """Return the approximate number of unknowns in a closest point band around ``source``; 0 around points."""
         if source.largest_dim == 0:
             return 0.0
         degree: int = getattr(self.options.own, "degree")  # noqa: B009

@@ -58,7 +58,7 @@ class DisplayMesh:
 
 
 def display_mesh(solution: SolutionRecord) -> DisplayMesh:
-    """Return the surface's mesh, refined to edges of two spacings and cut along boundaries with sides, with u.
+    """Return the surface's mesh with u, refined to edges of at most two spacings, cut along boundaries with sides.
 
     Raises InputError if the surface has no mesh.
     """

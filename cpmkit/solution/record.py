@@ -273,10 +273,10 @@ class SolutionRecord:
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return (z - y) . v (n,) at points z (n, d) of the manifold: near boundary ``name`` the distance from it.
 
-        y is the nearest point of the boundary, v the unit conormal to its left, which is positive. NaN beyond an open
-        end of the boundary, or if it is a point on a surface; in the form "galerkin" also if left and right swap along
-        it, in "collocation" also far from it and on sheets that it does not touch. Raises InputError if there is no
-        such boundary, or a point is too far from the manifold.
+        y is the nearest point of the boundary, v the unit conormal to its left: values are positive there. NaN beyond
+        an open end of the boundary, or if it is a point on a surface; in the form "galerkin" also if left and right
+        swap along it, in "collocation" also far from it and on sheets that it does not touch. Raises InputError if
+        there is no such boundary, or a point is too far from the manifold.
         """
         return self.discretized.signed_distance(name, points)
 

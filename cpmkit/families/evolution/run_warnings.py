@@ -25,7 +25,7 @@ def run_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> t
 
 
 def _heat_drift_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
-    """Return a list with a warning if heat was lost or gained on a piece of the manifold without outflow, or [].
+    """Return a list with a warning if over 2 percent of heat was lost or gained on a piece without outflow, or [].
 
     There the mean of u should grow by the mean of f times the time, in every scheme. It is checked only for heat with
     c = 0, steady f, no velocity and no ``after_step``, if the form has ``closed_component_means``.

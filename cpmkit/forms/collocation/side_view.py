@@ -108,8 +108,8 @@ class BoundaryOnLattice:
         """Return the distances and sides of those ``points`` (n, d) of the surface within ``radius`` of the boundary.
 
         Points up to twice the gap farther may be among them. Where several sheets share a band, only points with a part
-        of the boundary on their own sheet and a clear side are; the nearest such part counts. Conormals and ends are
-        found by differences over half of ``spacing``.
+        of the boundary on their own sheet and a clear side are; the nearest such part counts. Directions that the
+        sources do not give are differences over half of ``spacing``.
         """
         rows, feet = find_near_points(self.source, points, radius + self.gap, spacing)
         walked = None

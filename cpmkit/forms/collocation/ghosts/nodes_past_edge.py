@@ -244,7 +244,7 @@ def _corner_data(
 def _exact_conormals(
     surface: LocalSource, edge: ClosestPoints, conormals: Floats, beyond: Floats, spacing: float
 ) -> Floats:
-    """Return outward unit ``conormals`` (n, d), on solids replaced by the directions of ``beyond`` (n, d), to nodes."""
+    """Return outward unit ``conormals`` (n, d); on solids the directions of the offsets ``beyond`` (n, d), if not 0."""
     straight = surface.dimensions_at(edge) == surface.dim
     straight &= np.linalg.norm(beyond, axis=1) > ON_BOUNDARY_SPACINGS * spacing
     outward = conormals.copy()
