@@ -166,7 +166,7 @@ class Advection:
     gradient_of_a: Floats  #: (q, d) or (0, d): the gradient of a; empty where a is constant.
     conservative: bool  #: Whether the equation has div(v u) in place of v . grad u.
 
-    def add_to_matrix(self, matrix: SparseMatrix, stabilisation: Stabilisation) -> SparseMatrix:
+    def matrix_with_advection(self, matrix: SparseMatrix, stabilisation: Stabilisation) -> SparseMatrix:
         """Return a ``matrix`` (n, n) in the space's pattern plus these terms and the ``stabilisation`` they need."""
         space, data = self.space, matrix.data.copy()
         speed = np.linalg.norm(self.velocity, axis=1)
@@ -178,7 +178,7 @@ class Advection:
         _add_terms(space, self.velocity, self.upstream, data, advection, self.a, self.gradient_of_a, self.c)
         return space.matrix(data)
 
-    def add_to_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
+    def upwinded_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
         """Return multigrid ``levels`` with the upwinding that their spacings need, for ``share`` times these terms.
 
         The tau added on the first of them is h / (2 |v|) at any cell number, and it doubles from level to level.

@@ -77,7 +77,7 @@ class GalerkinOperator(CsrOperator):
         Without waves all are returned, and with a velocity all with the upwinding that they need.
         """
         if self.advection is not None:
-            return self.advection.add_to_levels(levels, self.share)
+            return self.advection.upwinded_levels(levels, self.share)
         if not self.waves:
             return levels
         radians = [self.waves**0.5 * spacing * 2 ** (number + 1) for number in range(len(levels))]
@@ -147,7 +147,7 @@ class EquationAssembly:
             matrix = with_diagonal(matrix, space.spline_loads(c[:, None])[:, 0])
         advection = self._advection_of(terms)
         if advection is not None:
-            matrix = advection.add_to_matrix(matrix, space.stabilisation)
+            matrix = advection.matrix_with_advection(matrix, space.stabilisation)
         matrix = space.extend_matrix(matrix, a, c)
         conditions = self.condition_terms(terms, a, scale)
         if conditions.conditions:

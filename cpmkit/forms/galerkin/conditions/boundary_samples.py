@@ -28,7 +28,7 @@ POINTS_OF_EDGE = 6
 FacetPoints = tuple[Floats, Floats, Floats, Floats]
 
 
-def conormals_of_slivers(
+def correct_sliver_conormals(
     mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, tangents: Floats, conormals: Floats
 ) -> Floats:
     """Return ``conormals`` (n, g, d) at g points of each of n edges, recomputed where the triangle is a sliver.
@@ -135,7 +135,7 @@ def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed
     speed = norms(along)
     tangent = unit(along)
     conormals = unit(dots(inward, tangent)[..., None] * tangent - inward)
-    conormals = conormals_of_slivers(mesh, corners, cell, facet, tangent, conormals)
+    conormals = correct_sliver_conormals(mesh, corners, cell, facet, tangent, conormals)
     normals = np.cross(tangent, conormals)[:, :, None] if mesh.dim == 3 else np.zeros((len(cell), POINTS_OF_EDGE, 0, 2))
     return y, 0.5 * weights * speed, conormals, normals
 
