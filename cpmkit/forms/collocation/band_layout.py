@@ -22,7 +22,7 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.collocation.side_view import BoundariesOnBand, SideView, put_on_lattice
-from cpmkit.forms.collocation.twins import separate_sheets
+from cpmkit.forms.collocation.twins import add_twins
 from cpmkit.forms.collocation.unresolved_places import UnresolvedPlace, find_meetings, find_mixed_sides
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import Band, build_band, reading_radius, stencil_cells, stencil_nodes, tensor_weights
@@ -85,7 +85,7 @@ def build_layout(scene: Scene, options: Options[CollocationOptions], progress: P
     surface = localize(scene.surface, lattice.origin)
     band = build_band(surface, lattice.spacing, options.own.degree, progress)
     if options.own.sheets:
-        band = separate_sheets(surface, band)
+        band = add_twins(surface, band)
     boundaries, formula = _boundaries_and_node_formulas(scene, surface, band, lattice, options.own.order)
     ghosts: list[Ghosts] = []
     for index in range(len(scene.boundaries)):

@@ -12,7 +12,7 @@ from cpmkit.runtime.options import DeclaredOptions, option
 from cpmkit.scene.conditions import check_order
 
 
-def check_sheets(sheets: Any, what: str) -> bool:
+def _check_sheets(sheets: Any, what: str) -> bool:
     """Return ``sheets`` if it is True or False, else raise an InputError, which calls the option ``what``."""
     if isinstance(sheets, bool):
         return sheets
@@ -44,6 +44,6 @@ class CollocationOptions(DeclaredOptions):
         True,
         "Whether a node that several sheets of the surface share gets an unknown for each. False is the plain method, "
         "for comparisons: where sheets share a band it mixes them, and the solution is wrong there.",
-        check_sheets,
+        _check_sheets,
         methods={"plain": False},
     )

@@ -55,7 +55,7 @@ class MissingSites(Rows):
     unknown: Bools  #: (k,): True where u is read, False where only E u is read.
 
 
-def separate_sheets(source: LocalSource, band: Band) -> Band:
+def add_twins(source: LocalSource, band: Band) -> Band:
     """Return the band with twins, copies of nodes that further sheets of a hypersurface share; else the band itself."""
     if source.manifold_dim != source.dim - 1:
         return band
