@@ -1,4 +1,4 @@
-"""Triangle meshes, polylines and the curves of meshes as closest point sources, by a float64 tree of our own."""
+"""Triangle meshes, polylines and curves of meshes as closest point sources, and lines drawn on surfaces by mouse."""
 
 from cpmkit_mesh import plugin
 from cpmkit_mesh.factory import triangles

@@ -73,7 +73,7 @@ class Nearest:
 
 
 def build_tree(corners: Floats) -> BoxTree:
-    """Return the bounding box tree over triangles with ``corners`` (m, 3, 3); in a segment the last two agree."""
+    """Return the bounding box tree over m > 0 triangles with ``corners`` (m, 3, 3); in a segment the last two agree."""
     from cpmkit_mesh import box_tree_kernels, query_kernels
 
     boxes, nodes, order = box_tree_kernels.build_boxes(corners.min(axis=1), corners.max(axis=1))
@@ -88,9 +88,10 @@ def build_tree(corners: Floats) -> BoxTree:
 
 
 def translate_tree(tree: BoxTree, corners: Floats) -> BoxTree:
-    """Return the tree of the same primitives, translated by one vector to ``corners`` (m, 3, 3) in their first order.
+    """Return the tree of the same primitives, translated by one vector to ``corners`` (m, 3, 3).
 
-    Its boxes are translated too, and widened by rounding. That takes a twentieth of the time of :func:`build_tree`.
+    The primitives are in the order in which the tree was built from them. Boxes are translated too, and widened by
+    rounding. That takes a twentieth of the time of :func:`build_tree`.
     """
     frames = as_frames(corners[tree.order])
     offset = np.tile(frames[0, 0] - tree.frames[0, 0], 2)

@@ -18,7 +18,7 @@ STACK_NODES = 96
 
 @compiled
 def build_boxes(lower, upper):
-    """Return the bounding box tree over m primitives with boxes from ``lower`` (m, 3) to ``upper`` (m, 3).
+    """Return the bounding box tree over m > 0 primitives with boxes from ``lower`` (m, 3) to ``upper``.
 
     Returned are ``boxes`` (nodes, 6); ``nodes`` (nodes, 2): 0 and the first of two adjacent children, or for a leaf the
     number of primitives and the first of them in ``order``; and ``order`` (m,). Nodes are unsigned so that no index is
@@ -65,8 +65,9 @@ def _write_bounding_box(lower, upper, order, start, stop, box):
 def _split_primitives(lower, upper, order, start, stop, depth):
     """Reorder ``order[start:stop]``, in place, into two groups, and return the position at which the second begins.
 
-    ``lower`` and ``upper`` (m, 3) are the primitives' boxes, ``depth`` is that of the node: from :data:`HALVING_DEPTH`
-    on, and where all centres agree or a group would be empty, the groups are halves of equal number.
+    ``lower`` and ``upper`` (m, 3) are the primitives' boxes. The groups lie on both sides of the cut that costs least
+    by :func:`_best_bin`. They are halves of equal number where ``depth``, that of the node, is :data:`HALVING_DEPTH` or
+    more, where all centres agree, and where a group would be empty.
     """
     axis, place, least, scale, cost = -1, 0, 0.0, 0.0, np.inf
     for k in range(3):

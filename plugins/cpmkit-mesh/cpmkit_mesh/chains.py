@@ -54,9 +54,9 @@ class Chains:
 
 
 def order_chains(edges: Ints, positions: Floats) -> Chains:
-    """Return ``edges`` (m, 2), no two of which are equal, ordered to chains that end at branches, and to closed chains.
+    """Return ``edges`` (m, 2), m > 0, no two of them equal, as chains that end at branches and free ends, and loops.
 
-    They are pairs of rows of ``positions`` (n, d), which determine the lengths of chains. The direction of a chain is
+    They are pairs of rows of ``positions`` (n, d), by which the longest chain is the first. The direction of a chain is
     that of most of its edges, from their first vertex to their second.
     """
     node, vertex = _split_at_branches(edges)

@@ -27,17 +27,17 @@ def cases() -> list[ConformanceCase]:
     meshes = {"closed": _torus_case_mesh(), "open": _cone(), "two components": _two_tori()}
     conformance = []
     for name, (points, faces) in meshes.items():
-        turn = turning_angle(triangles(vertices=points, faces=faces))
+        turn = largest_turning_angle(triangles(vertices=points, faces=faces))
         for closest in ("faceted", "smooth"):
             make = _factory(triangles, vertices=points, faces=faces, closest=closest)
-            samples = _on_triangles(points, faces)
+            samples = _triangle_sampler(points, faces)
             conformance.append(ConformanceCase("mesh.triangles", f"{name}, {closest}", make, samples, 0.15, turn))
-    helix = _helix()
-    curves = {"open in space": helix, "closed in space": _knot(), "open in the plane": helix[:, :2] * [1.0, 0.5]}
+    bent = _open_curve()
+    curves = {"open in space": bent, "closed in space": _knot(), "open in the plane": bent[:, :2] * [1.0, 0.5]}
     for name, points in curves.items():
         make = _factory(polyline, points=points)
         segments = np.stack([points[:-1], points[1:]], axis=1)
-        conformance.append(ConformanceCase("mesh.polyline", name, make, _on_segments(segments), None, 0.0))
+        conformance.append(ConformanceCase("mesh.polyline", name, make, _segment_sampler(segments), None, 0.0))
     return [*conformance, *_mesh_curves()]
 
 
@@ -73,14 +73,14 @@ def _mesh_curves() -> list[ConformanceCase]:
         },
     }
     return [
-        ConformanceCase(kind, name, _factory(make, **keys), _on_segments(segments))
+        ConformanceCase(kind, name, _factory(make, **keys), _segment_sampler(segments))
         for kind, shapes in curves.items()
         for name, (make, segments, keys) in shapes.items()
     ]
 
 
-def turning_angle(mesh: TriangleMesh) -> float:
-    """Return the largest angle in radians between normals at the ends of an edge, or of adjacent rim edges."""
+def largest_turning_angle(mesh: TriangleMesh) -> float:
+    """Return the largest angle in radians between normals at both ends of an edge, or between adjacent rim edges."""
     corner = mesh.normals_at_corners
     cosine = np.einsum("fck,fck->fc", corner, np.roll(corner, 1, axis=1)).min()
     angles = [np.arccos(np.clip(cosine, -1.0, 1.0))]
@@ -116,7 +116,7 @@ def _torus_case_mesh(columns: int = 48, rows: int = 24) -> Mesh:
 
 
 def _cone(columns: int = 48, rows: int = 9) -> Mesh:
-    """Return the side of a cone, wound outwards, whose two rims differ in length."""
+    """Return the side of a truncated cone about z, wound outwards, of ``rows`` rings of ``columns`` vertices."""
     z, u = np.divmod(np.arange(columns * rows), columns)
     u, z = 2 * np.pi * u / columns, z / (rows - 1)
     radius = 1.0 - 0.2 * z
@@ -151,21 +151,21 @@ def _box() -> Mesh:
     return corners, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
-def _helix() -> Floats:
-    """Return 41 points (41, 3) of an open curve in space."""
+def _open_curve() -> Floats:
+    """Return points (41, 3) of an open curve in space, without crossings seen along z."""
     t = np.linspace(0.0, 7.0, 41)
     return np.stack([np.cos(t), np.sin(1.3 * t), 0.2 * t], axis=1)
 
 
 def _knot() -> Floats:
-    """Return 121 points (121, 3) of a trefoil knot, the last of which is the first."""
+    """Return points (121, 3) of a trefoil knot, the last of which is the first."""
     t = np.linspace(0.0, 2 * np.pi, 121)
     t[-1] = 0.0
     radius = 1.0 + 0.3 * np.cos(3 * t)
     return np.stack([radius * np.cos(2 * t), radius * np.sin(2 * t), 0.3 * np.sin(3 * t)], axis=1)
 
 
-def _on_triangles(points: Floats, faces: Ints) -> Callable[[np.random.Generator, int], Floats]:
+def _triangle_sampler(points: Floats, faces: Ints) -> Callable[[np.random.Generator, int], Floats]:
     """Return a function of a generator and n that draws random points (n, 3) on triangles ``faces`` of ``points``."""
 
     def samples(rng: np.random.Generator, n: int) -> Floats:
@@ -175,7 +175,7 @@ def _on_triangles(points: Floats, faces: Ints) -> Callable[[np.random.Generator,
     return samples
 
 
-def _on_segments(segments: Floats) -> Callable[[np.random.Generator, int], Floats]:
+def _segment_sampler(segments: Floats) -> Callable[[np.random.Generator, int], Floats]:
     """Return a function of a generator and n that draws random points (n, d) on ``segments`` (m, 2, d)."""
 
     def samples(rng: np.random.Generator, n: int) -> Floats:

@@ -58,7 +58,10 @@ def corner_normals(vertices: Floats, faces: Ints, adjacency: Topology) -> Floats
 
 
 def _corner_weights(vertices: Floats, faces: Ints) -> Floats:
-    """Return (m, 3) sin(angle) / (product of both edge lengths) at each corner of each face; the largest edge is 1."""
+    """Return (m, 3) sin(angle) / (product of both edge lengths) at each corner of each face.
+
+    Lengths are in units of the largest component of an edge.
+    """
     towards = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
     towards = towards / np.abs(towards).max()
     back = -towards[:, [2, 0, 1]]
@@ -86,7 +89,8 @@ def fit_normals_to_chords(vertices: Floats, faces: Ints, adjacency: Topology, no
     The tilts t, in the tangent planes, minimise sum w (e . (n + t + n' + t'))^2 + sum |t|^2 over the edges and
     vertices, with unit chords e; edges at a vertex whose normal is zero are left out. The weight w falls where n and n'
     disagree with e, which also bounds the tilts: at most 3.5 degrees on the meshes of Spot, the koala, the fish and
-    Nefertiti. The winding of the triangles must be consistent.
+    Nefertiti. The winding must be consistent. An edge of three or more triangles counts once for each of them that
+    passes it towards its vertex of higher number.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.linalg import lsmr

@@ -1,7 +1,8 @@
 """Caps: triangles without area whose corners lie on a line, removed from a mesh without leaving a gap.
 
 The middle corner of a cap lies on an edge of its neighbour, which is split in two there. At a rim, where there is no
-neighbour, the cap is removed, and the rim passes its middle corner.
+neighbour, the cap is removed, and the rim passes its middle corner. At an edge of three or more triangles it is removed
+too, and the others are not split.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ def find_caps(points: Floats, faces: Ints) -> tuple[Bools, Ints]:
 
 
 def remove_caps(points: Floats, faces: Ints) -> tuple[Ints, Ints]:
-    """Remove the caps, triangles with their corners on a line, from ``faces`` (m, 3) without leaving a gap.
+    """Remove triangles with their corners on a line from ``faces`` (m, 3), in at most :data:`CAP_ROUNDS` rounds.
+
+    Neighbours are split, so that no gap is left, but at edges of three or more triangles. Faces that become equal to
+    an earlier one are removed too.
 
     Returns
     -------
@@ -61,7 +65,7 @@ def remove_caps(points: Floats, faces: Ints) -> tuple[Ints, Ints]:
 
 
 def _independent_caps(caps: Ints, across: Ints, count: int) -> Bools:
-    """Return (k,) which caps can be removed at once: no earlier cap involves the same cap triangle or neighbour.
+    """Return (k,) which caps can be removed at once: no earlier cap is, or splits, their own triangle or neighbour.
 
     ``caps`` (k,) are triangles, ``across`` (k,) their neighbours at the longest edge, negative for none; ``count`` is
     the number of all triangles.

@@ -17,8 +17,9 @@ STRAIGHT_AREA_SHARE = 1e-12
 def clip_ears(points, ears, good):
     """Cut the polygons with corners at ``points`` (m, c, 2), wound counter-clockwise, into triangles wound alike.
 
-    Written are ``ears`` (m, c - 2, 3), the numbers of the corners, and ``good`` (m,), whether the polygon was cut: one
-    that crosses itself is not. Corners at one place, as where a hole is connected to the outline, are allowed.
+    Written are ``ears`` (m, c - 2, 3), the numbers of the corners, and ``good`` (m,), whether the polygon was cut. It
+    is not where no corner is an ear, as in a polygon that crosses itself, or is wound clockwise; its ears are undefined
+    then. Corners at one place, as where a hole is connected to the outline, are allowed.
     """
     count = points.shape[1]
     ring = np.empty(count, dtype=np.int64)

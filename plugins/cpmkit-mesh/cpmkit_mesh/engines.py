@@ -30,9 +30,9 @@ Search = Callable[[Floats], Nearest]
 def nearest_search(engine: str, tree: BoxTree) -> Search:
     """Return a function from queries (n, 3) to their nearest points (``Nearest``) on the triangles of ``tree``.
 
-    ``engine`` is "own", "fcl" or "open3d", which finds triangles nearest up to the rounding of float32. Raise
-    MissingDependencyError if that library is absent or does not load; "fcl" raises InputError if the mesh has triangles
-    without area, about which it answers wrongly.
+    ``engine`` is one of :data:`ENGINES`; the triangles of "open3d" are nearest up to the rounding of float32. Raise
+    MissingDependencyError if the library of the engine is absent or does not load; "fcl" raises InputError if the mesh
+    has triangles without area, about which it answers wrongly.
     """
     if engine == "own":
         return partial(find_nearest, tree)
@@ -60,13 +60,13 @@ def _fcl_search(tree: BoxTree) -> Callable[[Floats], Ints]:
     mesh.endModel()
     about, point, request = fcl.CollisionObject(mesh), fcl.CollisionObject(fcl.Sphere(0.0)), fcl.DistanceRequest()
 
-    def name(query: Floats) -> int:
+    def nearest_slot(query: Floats) -> int:
         point.setTranslation(query)
         result = fcl.DistanceResult()
         fcl.distance(point, about, request, result)
         return int(result.b1)
 
-    return lambda x: np.array([name(query) for query in x], dtype=np.int64)
+    return lambda x: np.array([nearest_slot(query) for query in x], dtype=np.int64)
 
 
 def _open3d_search(tree: BoxTree) -> Callable[[Floats], Ints]:
@@ -82,13 +82,13 @@ def _open3d_search(tree: BoxTree) -> Callable[[Floats], Ints]:
         ((corners - middle) / size).astype(np.float32), np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
     )
 
-    def name(x: Floats) -> Ints:
+    def nearest_slots(x: Floats) -> Ints:
         if not len(x):
             return np.zeros(0, dtype=np.int64)
         answer = scene.compute_closest_points(((x - middle) / size).astype(np.float32), nthreads=thread_count())
         return answer["primitive_ids"].numpy().astype(np.int64)
 
-    return name
+    return nearest_slots
 
 
 def _corners(tree: BoxTree) -> Floats:
@@ -99,7 +99,7 @@ def _corners(tree: BoxTree) -> Floats:
 
 
 def _import_optional(module: str, distribution: str) -> Any:
-    """Return the imported ``module``; raise MissingDependencyError if it, or a package or library it needs, is missing.
+    """Return the imported ``module``; raise MissingDependencyError if it, or a package that it needs, does not load.
 
     ``distribution`` is the name under which pip installs it.
     """

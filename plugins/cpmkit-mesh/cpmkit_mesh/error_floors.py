@@ -18,15 +18,15 @@ FLAT_ANGLE = 1e-3
 
 
 def is_flat_sided(edges: InnerEdges, crease_angle: float) -> bool:
-    """Return whether a mesh is a body with flat sides: each edge is flat or turns by over ``crease_angle`` degrees.
+    """Return whether a mesh is a body with flat sides: each inner edge is flat or turns by over the crease angle.
 
-    Its triangles sample no smooth surface, and are exact as they are. A coarse ball whose edges are all sharp, such as
-    an icosahedron, cannot be distinguished from such a body.
+    ``crease_angle`` is in degrees. The triangles then sample no smooth surface, and are exact as they are. A coarse
+    ball whose edges are all sharp, such as an icosahedron, cannot be distinguished from such a body.
     """
     return bool(np.all((edges.angle < FLAT_ANGLE) | (edges.angle > np.deg2rad(crease_angle))))
 
 
-def turning_angle(vertices: Floats, faces: Ints, normals_at_corners: Floats) -> float:
+def rms_turning_angle(vertices: Floats, faces: Ints, normals_at_corners: Floats) -> float:
     """Return the root mean square angle, in radians, between the normals at both ends of edges, weighted by area.
 
     ``normals_at_corners`` (m, 3, 3) are those of ``faces`` (m, 3) between ``vertices`` (k, 3). Without area it is 0.

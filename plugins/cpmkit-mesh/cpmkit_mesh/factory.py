@@ -29,10 +29,10 @@ def triangles(
 ) -> TriangleMesh:
     """Return a triangle mesh from a file or from arrays.
 
-    Raise InputError if both or neither of file and arrays are given, the file cannot be read, the arrays are empty, of
-    another shape or not finite, a face names a vertex that is not there, no triangle has three different corners or an
-    area, or another key has a value that is not accepted. Raise MissingDependencyError if the engine's library is
-    absent or does not load.
+    Raise InputError if both or neither of file and arrays are given, the file cannot be read, the arrays are empty or
+    of another shape, a face uses a vertex that is not there, not finite or too large, a polygon crosses itself, no
+    triangle has three different corners or an area, or another key has a value that is not accepted. Raise
+    MissingDependencyError if the engine's library is absent or does not load.
 
     Parameters
     ----------
@@ -44,16 +44,16 @@ def triangles(
     faces : (m, c) array, or a sequence of sequences
         Indices of vertices, three or more for each face. Polygons are cut into triangles, which then count as the faces
         given. Triangles that repeat a vertex or an earlier triangle, in any winding, and those whose corners lie on a
-        line, are left out. Faces that are wound against most of their component are flipped. Changes are listed in the
-        mesh's warnings.
+        line, are left out. Faces that are wound against most of their component are flipped, unless the component is
+        one-sided. Changes are listed in the mesh's warnings.
     closest : "smooth" or "faceted"
         Whether closest points follow interpolated vertex normals, as those of a smooth surface that the mesh samples,
         or are the nearest points of the triangles.
     engine : "own", "fcl" or "open3d"
         The library that finds the nearest triangle; the README of this plugin lists the faults of the two others.
     crease_angle : float
-        In degrees: edges at which the mesh turns by more are creases. The form ``galerkin`` leaves the triangles
-        at them flat, for any ``closest``; the form ``collocation`` warns of them.
+        Between 0 and 180 degrees: edges at which the mesh turns by more are creases. The form ``galerkin`` leaves the
+        triangles at them flat, for any ``closest``; the form ``collocation`` warns of them.
     weld : float, optional
         The distance, in the unit of the vertices, up to which vertices at rims are merged, or lie on edges of other
         rims, which are split there; at most .3 of the shortest edge at a vertex. By default that of rounding.

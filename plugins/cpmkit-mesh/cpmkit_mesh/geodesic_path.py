@@ -32,9 +32,10 @@ def path(
 
     Each geodesic is the shortest path along edges, straightened by flipping edges (Sharp and Crane, "You can find
     geodesic paths in triangle meshes by just flipping edges", ACM Trans. Graph. 39 (6), 2020). Raise InputError if none
-    or several meshes are given, a number is not that of a vertex of a triangle, a point is far from the mesh, two
-    vertices lie on different components, or there are too few. Raise MissingDependencyError if potpourri3d, which
-    traces geodesics, is not installed.
+    or several meshes are given, the mesh is refused as by :func:`triangles`, a number is not that of a vertex of a
+    triangle, a point is far from the mesh, two vertices lie on different components, there are too few, or an edge has
+    three triangles, or two that are wound differently. Raise MissingDependencyError if potpourri3d, which traces
+    geodesics, is not installed.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ def _remove_repeats(waypoints: Ints, closed: bool) -> Ints:
 
 
 def _check_connected(mesh: TriangleMesh, waypoints: Ints) -> None:
-    """Raise InputError if the vertices ``waypoints`` (k,) lie on more than one component of the mesh."""
+    """Raise InputError if edges of the mesh do not connect all of the vertices ``waypoints`` (k,), k > 0."""
     edges = np.concatenate([mesh.faces[:, :2], mesh.faces[:, 1:]])
     component = components(edges, len(mesh.vertices))[waypoints]
     other = np.flatnonzero(component != component[0])

@@ -99,7 +99,7 @@ def _rim_arrays(
 
 
 def _rim_links(boundary: Ints) -> Ints:
-    """Return (k, 2) the end, as 2 edge + end, that each end of ``boundary`` (k, 2) touches, -1 unless two meet."""
+    """Return (k, 2) the other end, as 2 edge + end, at the vertex of each end of ``boundary`` (k, 2); -1 if not one."""
     vertex = boundary.ravel()
     order = np.argsort(vertex, kind="stable")
     first = np.flatnonzero(np.diff(vertex[order], prepend=-1))
@@ -110,9 +110,10 @@ def _rim_links(boundary: Ints) -> Ints:
 
 
 def _rim_tangents(direction: Floats, links: Ints) -> Floats:
-    """Return (k, 2, 3) unit tangents at both ends of each boundary edge: the mean over two edges, at corners its own.
+    """Return (k, 2, 3) unit tangents at both ends of each boundary edge: the mean over the two edges that meet there.
 
-    ``direction`` (k, 3) are the edges' unit vectors, ``links`` (k, 2) the touching ends as in :func:`_rim_links`.
+    At corners (:data:`CORNER_COSINE`), and where not two edges meet, an edge has its own direction. ``direction``
+    (k, 3) are the edges' unit vectors, ``links`` (k, 2) the touching ends as in :func:`_rim_links`.
     """
     beyond = direction[links // 2]
     towards = np.where(links % 2 == np.array([1, 0]), 1.0, -1.0)

@@ -27,12 +27,10 @@ def follow_normals(x, start, stop, tiny, mesh, rim, slot, local, point, distance
     """Move the nearest points of ``x[start:stop]`` (n, 3), in place, to points whose interpolated normals lead to x.
 
     ``mesh`` holds, by slot of the tree, corners and normals, each (m, 3, 3): the value at the first corner and the
-    differences of the other two from it; and neighbours (m, 3) as in ``Topology``. ``rim`` holds, for each boundary
-    edge, its ends, normals and tangents (k, 2, 3); for each of its ends the touching end of another boundary edge (k,
-    2), as 2 edge + end, or -1; and its slot and the number of the edge in the triangle (k, 2). ``slot`` (n,), ``local``
-    (n, 2) and ``point`` (n, 3) are overwritten. ``distance`` (n,), that from the triangles, is only read. ``doubtful``
-    (n,) is written: True where no such point is found near by, so that the nearest point stays. Points of queries
-    within ``tiny`` of the mesh stay as well, and are not doubtful.
+    differences of the other two from it; and the neighbours' slots (m, 3). These and ``rim`` are as in
+    ``InterpolatedNormals``. ``slot`` (n,), ``local`` (n, 2) and ``point`` (n, 3) are overwritten. ``distance`` (n,),
+    that from the triangles, is only read. ``doubtful`` (n,) is written: True where no such point is found near by, so
+    that the nearest point stays. Points of queries within ``tiny`` of the mesh stay as well, and are not doubtful.
     """
     frames, normals, neighbours = mesh
     for i in range(start, stop):
@@ -66,9 +64,10 @@ def _linear_field(frames, face, v, w, k):
 def _search_triangles(x, face, v, w, frames, normals, neighbours, rim):
     """Return the triangle of the closest point of ``x`` (3,), its coordinates v, w there, and whether it was found.
 
-    The search starts on triangle ``face`` at v, w, and crosses an edge where a solution lies beyond it. It fails at an
-    edge of three triangles, after :data:`MAX_TRIANGLES` triangles, or where a solution is not finite; v and w are 0
-    then. The arrays are those of :func:`follow_normals`.
+    The search starts on triangle ``face`` at v, w, and crosses an edge where a solution lies beyond it. Beyond the
+    boundary it ends at the point of :func:`_closest_on_boundary`, which counts as found, whatever ended that search. It
+    fails at an edge of three triangles or more, after :data:`MAX_TRIANGLES` triangles, or where a solution is not
+    finite; v and w are 0 then. The arrays are those of :func:`follow_normals`.
     """
     height = _height(x, face, v, w, frames, normals)
     returns = 0
@@ -119,7 +118,8 @@ def _solve_on_triangle(x, face, v, w, h, frames, normals):
     """Return v, w, h with p(v, w) + h n(v, w) = ``x`` on triangle ``face``, by Newton's method from the given v, w, h.
 
     The point p and the normal n are the fields ``frames`` and ``normals``, as in :func:`_linear_field`. The method
-    stops after 12 steps, or where abs(v) + abs(w) > 8; NaN or infinity is returned where the Jacobian is singular.
+    stops at a step of 1e-8 in v and w, after 12 steps, or where abs(v) + abs(w) > 8, converged or not; NaN or infinity
+    is returned where the Jacobian is singular.
     """
     ax, ay, az = frames[face, 0, 0] - x[0], frames[face, 0, 1] - x[1], frames[face, 0, 2] - x[2]
     bx, by, bz = frames[face, 1, 0], frames[face, 1, 1], frames[face, 1, 2]
@@ -150,8 +150,9 @@ def _closest_on_boundary(x, k, rim):
     """Return the boundary edge, the share s of it in [0, 1], and whether ``x`` (3,) lies on the mesh's side there.
 
     The search starts on boundary edge ``k`` and passes on to the edges that touch it. At s the query lies in the plane
-    of the normal and the conormal, both interpolated along the edge. At an end that no edge continues, s is 0.0 or 1.0
-    and the flag is False; after :data:`MAX_TRIANGLES` edges s is 0.5. ``rim`` are the arrays of :func:`follow_normals`.
+    of the normal and the conormal, both interpolated along the edge. At an end that no edge continues, and at a vertex
+    from which both edges lead away from the query, s is 0.0 or 1.0 and the flag is False; after :data:`MAX_TRIANGLES`
+    edges s is 0.5. ``rim`` are the arrays of :func:`follow_normals`.
     """
     links = rim[3]
     came = -1

@@ -59,8 +59,8 @@ class LocalMinima:
 def vertex_triangles(tree: BoxTree, positions: Floats, faces: Ints, adjacency: Topology) -> VertexTriangles:
     """Return, for :func:`local_minima`, the slots of the triangles at each vertex and cones of normals by tree node.
 
-    ``tree`` is built over the triangles ``faces`` (m, 3) between vertices at ``positions`` (k, 3), ``adjacency``
-    theirs.
+    ``tree`` is built over the triangles ``faces`` (m, 3) between vertices at ``positions`` (k, 3); ``adjacency`` is
+    that of the triangles.
     """
     from cpmkit_mesh import box_tree_kernels
 
@@ -76,7 +76,7 @@ def _vertex_cones(positions: Floats, faces: Ints, adjacency: Topology) -> tuple[
 
     At a local minimum at a vertex or on an edge the direction to the query is a mean, with positive weights, of these
     normals, where they all lie within a right angle of one direction. At rims and branches it need not be: the angle is
-    pi there, and everywhere if the winding is inconsistent.
+    pi at all corners of the triangles there, and everywhere if the winding is inconsistent.
     """
     normal_of_corner, corner = np.repeat(face_normals(positions, faces), 3, axis=0), faces.ravel()
     axes = unit(np.stack([np.bincount(corner, normal_of_corner[:, k], len(positions)) for k in range(3)], axis=1))
@@ -87,10 +87,9 @@ def _vertex_cones(positions: Floats, faces: Ints, adjacency: Topology) -> tuple[
 
 
 def local_minima(tree: BoxTree, triangles: VertexTriangles, x: Floats, radius: float) -> LocalMinima:
-    """Return the local minima of the distance from each of ``x`` (n, 3) to the surface, up to the distance ``radius``.
+    """Return local minima, up to ``radius``, of the distance from each of ``x`` (n, 3) to the triangles in ``tree``.
 
-    ``tree`` is the tree of the triangles and ``triangles`` the answer of :func:`vertex_triangles` for it. Minima of one
-    query are in no special order.
+    ``triangles`` is the answer of :func:`vertex_triangles` for this tree. Minima of one query are in no special order.
     """
     from cpmkit_mesh import query_kernels
 

@@ -45,13 +45,13 @@ def face_components(faces: Ints, adjacency: Topology) -> Ints:
 
 
 def closest_approach(vertices: Floats, faces: Ints, component: Ints, distance: float) -> Approach | None:
-    """Return where two components come nearest to each other, None if they stay farther apart than ``distance``.
+    """Return a place where two components come within ``distance`` of each other; None if there is none.
 
-    ``component`` (m,) is the number of the component of each of ``faces`` (m, 3) between ``vertices`` (k, 3). The
-    search for each pair of halves stops at the first distance within ``distance``. Points along edges of the first are
-    tested against the triangles of the other where a vertex is as near to it as half its edges are long: an edge that
-    passes through a triangle has such an end. Two components differ in a binary digit of their numbers, so that few
-    halves are compared however many components there are.
+    ``component`` (m,) is the number of the component of each of ``faces`` (m, 3) between ``vertices`` (k, 3). Two
+    components differ in a binary digit of their numbers, so that few halves of the mesh are compared however many
+    components there are. For each pair of halves the search stops at the first place within ``distance``; the nearest
+    of these is returned. Points along edges of a half are tested against the triangles of the other where a vertex is
+    as near to it as half its edges are long: an edge that passes through a triangle has such an end.
     """
     best: Approach | None = None
     for digit in range(int(component.max()).bit_length()):
@@ -65,8 +65,8 @@ def closest_approach(vertices: Floats, faces: Ints, component: Ints, distance: f
 def _find_approach(vertices: Floats, faces: Ints, others: Ints, distance: float) -> Approach | None:
     """Return a point on edges of ``faces`` within ``distance`` of the triangles ``others``, with its distance, or None.
 
-    Both are (m, 3) rows of ``vertices`` (k, 3). After :data:`DIVISIONS` divisions the nearest point is returned, even
-    if farther.
+    Both are (m, 3) rows of ``vertices`` (k, 3). Where the divided edges may still come within ``distance`` after
+    :data:`DIVISIONS` divisions, the nearest middle of a part is returned, though it is a little farther.
     """
     corners = vertices[others]
     ends = _candidate_edges(vertices, faces, corners, distance)

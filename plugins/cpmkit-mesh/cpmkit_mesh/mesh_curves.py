@@ -38,12 +38,14 @@ def edge_loop(
         Instead of both, a source of the kind ``mesh.triangles``. A scene file's boundary takes the scene's
         surface where it names no mesh.
     loop : int, optional
-        Number of the loop, 0 the longest: the value of ``edge`` in the answers of ``mesh.triangles``. By default all.
+        Number of the loop, 0 the longest: the value of ``edge`` in the answers of ``mesh.triangles``. Loops that share
+        a vertex are one. By default all.
 
     Raises
     ------
     InputError
-        If none or several meshes are given, the mesh is closed, or it has no such loop.
+        If none or several meshes are given, the mesh is refused as by :func:`triangles`, is closed, or has no such
+        loop.
     """
     mesh = as_mesh_source("mesh.edge_loop", file, vertices, faces, surface)
     boundary, number = mesh.adjacency.boundary, mesh.adjacency.loop
@@ -85,7 +87,8 @@ def feature_edges(
     Raises
     ------
     InputError
-        If none or several meshes are given, no edge is as sharp, or there is no such chain.
+        If none or several meshes are given, the mesh is refused as by :func:`triangles`, ``angle`` is not between 0 and
+        180, no edge turns by more or has three triangles, or there is no such chain.
     """
     mesh = as_mesh_source("mesh.feature_edges", file, vertices, faces, surface)
     sharp = mesh.inner_edges.ends[mesh.inner_edges.angle > np.deg2rad(checked_angle(angle, "angle"))]
@@ -118,7 +121,8 @@ def _polyline_of_chains(mesh: TriangleMesh, chains: Chains) -> Polyline:
 def as_mesh_source(kind: str, file: str | Path | None, vertices: Any, faces: Any, surface: Any) -> TriangleMesh:
     """Return the mesh of a curve's keys: ``surface`` itself, or a faceted mesh from ``file`` or from arrays.
 
-    Raise InputError, which names ``kind``, if none or several are given, or ``surface`` is no ``TriangleMesh``.
+    Raise InputError, which names ``kind``, if none or several are given, or ``surface`` is no ``TriangleMesh``; else as
+    :func:`triangles`.
     """
     arrays = vertices is not None or faces is not None
     count = (file is not None) + arrays + (surface is not None)

@@ -35,7 +35,8 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
     Raises
     ------
     InputError
-        If the file is missing, is of another format, is damaged or cut off, or holds no face.
+        If the file is missing, is of another format, is damaged or cut off, holds no face, does not fit into memory, or
+        has a polygon that crosses itself or a face with a vertex that is not finite or too large.
     """
     file = existing_file(path)
     if file.suffix.lower() not in MESH_SUFFIXES:

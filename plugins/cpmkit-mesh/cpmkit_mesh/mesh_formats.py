@@ -68,10 +68,10 @@ VERTEX_LIST_NAMES = ("vertex_indices", "vertex_index")
 
 
 def read_ply_mesh(data: bytes) -> tuple[Floats, Polygons]:
-    """Return the vertices (n, 3) and the polygons, none without faces, in the bytes ``data`` of a PLY file.
+    """Return the vertices (n, 3) and the polygons in the bytes ``data`` of a PLY file.
 
-    Raise InputError if it is no PLY file, is damaged, holds strips, a face of less than three corners, or a vertex
-    number out of range.
+    There are no polygons if no element ``face`` has a property of :data:`VERTEX_LIST_NAMES`. Raise InputError if it is
+    no PLY file, is damaged, holds strips, a face of less than three corners, or a vertex number out of range.
     """
     tables = read_ply(data)
     vertices, faces = ply_vertices(tables), tables.get("face", {})

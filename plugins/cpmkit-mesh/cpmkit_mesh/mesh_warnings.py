@@ -45,8 +45,8 @@ def mesh_warnings(mesh: TriangleMesh) -> tuple[str, ...]:
 def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:
     """Return warnings about touching components, long creases and junctions, where closest points jump.
 
-    ``spacing`` is that of the grid.
-    Places in the sentences are in the coordinates of the mesh as the user gave it, before translations.
+    ``spacing`` is that of the grid. Places in the sentences are in the coordinates of the mesh as the user gave it,
+    before translations.
     """
     return (
         *_touching_warnings(mesh, spacing),
@@ -68,9 +68,10 @@ def _touching_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
 
 
 def _crease_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
-    """Return a warning if creases longer than :data:`SHORT_CREASE_SPACINGS` exceed :data:`LONG_CREASE_ROOTS_OF_AREA`.
+    """Return a warning if the weighted length of creases exceeds :data:`LONG_CREASE_ROOTS_OF_AREA`, else [].
 
-    Else return []. ``spacing`` is that of the grid; lengths are weighted by the square of the angle over a right one.
+    Weights are the square of the angle over a right one. Connected creases up to :data:`SHORT_CREASE_SPACINGS` times
+    ``spacing``, that of the grid, long are left out.
     """
     creases = mesh.inner_edges.take(mesh.inner_edges.angle > np.deg2rad(mesh.crease_angle))
     creases = creases.take(_connected_length(creases) > SHORT_CREASE_SPACINGS * spacing)

@@ -25,7 +25,7 @@ VERTEX_LINE_WORDS = (4, 5, 7, 8)
 def read_obj(data: bytes) -> tuple[Floats, Polygons]:
     """Return the vertices (n, 3) and the polygons in the bytes ``data`` of an OBJ file.
 
-    Raise InputError if a line is damaged, or of a kind that is not read.
+    Raise InputError if a line is damaged, names a vertex that is not there, or is of a kind that is not read.
     """
     coordinates: list[str] = []
     vertex_lines: list[int] = []
@@ -82,8 +82,8 @@ def _is_unit(word: str) -> bool:
 def zero_based_numbers(index: Ints, before: Ints, count: int, lines: Ints) -> Ints:
     """Return (n,) zero-based numbers of the vertices ``index`` (n,), counted from 1, or, negative, back from the last.
 
-    ``before`` (n,) is the number of vertices so far, ``count`` that of all, ``lines`` (n,) are line numbers. Raise
-    InputError, which names the line, for 0 and numbers out of range.
+    The last is that before the line: ``before`` (n,) is the number of vertices up to there, ``count`` that of all,
+    ``lines`` (n,) are line numbers. Raise InputError, which names the line, for 0 and numbers out of range.
     """
     zero = np.flatnonzero(index == 0)
     if len(zero):
@@ -114,7 +114,8 @@ def read_texture_coordinates(path: str | Path) -> tuple[Floats, Ints]:
     Raises
     ------
     InputError
-        If the file is no OBJ file, is damaged, or a corner has no texture coordinates.
+        If the file is missing, is no OBJ file, is damaged, has a polygon that crosses itself, or a corner has no
+        texture coordinates.
     """
     file = existing_file(path)
     if file.suffix.lower() != ".obj":

@@ -23,7 +23,7 @@ class OrientedTriangleMesh(TriangleMesh):
         """Return (n, 3) unit normals at closest points ``feet``, interpolated between the corners' normals.
 
         Their sign follows the winding of the faces. Where the interpolated vector vanishes, the normal at the
-        triangle's first corner is returned.
+        triangle's first corner is returned. Raise InputError if ``feet`` lack ``element`` or ``local``.
         """
         face, local = self._locate(feet)
         normals = np.einsum("nc,nck->nk", local, self.normals_at_corners[face])
@@ -32,15 +32,16 @@ class OrientedTriangleMesh(TriangleMesh):
         return unit(normals)
 
     def all_warnings(self) -> tuple[str, ...]:
-        """Return a sentence for each repair, about pieces, and triangles off which normals lean if smooth."""
+        """Return warnings about repairs, several pieces and, if smooth, triangles off which their normals lean."""
         return (*super().all_warnings(), *support_warnings(self)) if self.smooth else super().all_warnings()
 
     def facet_normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit normals of the flat triangles at closest points ``feet``; NaN where the surface is smooth.
+        """Return (n, 3) unit normals of triangles at creases at closest points ``feet``, NaN in other triangles.
 
-        A triangle is flat if it has a corner at a crease (:attr:`at_crease`). Rows are also NaN where no corner at a
-        crease has a barycentric coordinate above :data:`NEAR_EDGE_COORDINATE`: the surface beyond that corner or edge
-        is smooth.
+        Of a smooth mesh, a triangle with a corner at a crease (:attr:`at_crease`) is flat. Rows are also NaN where no
+        corner at a crease has a barycentric coordinate above :data:`NEAR_EDGE_COORDINATE`: the surface beyond that
+        corner or edge is smooth. On a faceted mesh all rows are NaN. Raise InputError if ``feet`` lack ``element`` or
+        ``local``.
         """
         face, local = self._locate(feet)
         is_flat = (self.at_crease[self.faces[face]] & (local > NEAR_EDGE_COORDINATE)).any(axis=1)

@@ -131,7 +131,7 @@ def check_line_file(path: str | Path, surface: ClosestPointSource) -> Path:
 
 
 def write_line(points: Floats, path: Path) -> None:
-    """Write points (n, d) to a file that the kind ``mesh.polyline`` reads; an existing file is replaced."""
+    """Write points (n, d) to a file, by its suffix, that ``mesh.polyline`` reads; an existing file is replaced."""
     rows = [[f"{x:.17g}" for x in point] for point in points.tolist()]
     with written_whole(path) as unfinished:
         if path.suffix.lower() == ".npy":
@@ -184,7 +184,7 @@ class Canvas:
     """
 
     def __init__(self, line: DrawnLine, mesh: Any) -> None:
-        """Open the window with a mesh of pyvista and a line without clicks."""
+        """Prepare, but do not yet show, the window with a mesh of pyvista; clicks already in ``line`` are not drawn."""
         self.line = line
         self.plotter = _pyvista().Plotter()
         coloured = {"scalars": "rgb", "rgb": True} if "rgb" in mesh.point_data else {}
@@ -228,7 +228,7 @@ class Canvas:
 
 
 def shown_mesh(shown: Any, surface: ClosestPointSource) -> Any:
-    """Return the ``pyvista.PolyData`` of ``shown`` if it is a solution, else of the source ``surface``.
+    """Return the ``pyvista.PolyData`` on which :func:`pick_line` draws: of a solution ``shown``, else of ``surface``.
 
     A source without triangles gives its points. Raise InputError if it has no mesh, MissingDependencyError without
     pyvista.

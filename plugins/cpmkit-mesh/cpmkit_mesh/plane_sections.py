@@ -33,7 +33,10 @@ class PlaneSection(Polyline):
     conormals: Floats
 
     def leftward(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit conormals to the left of the curve at closest points ``feet``; at vertices the mean."""
+        """Return (n, 3) unit conormals to the left of the curve at ``feet``; at vertices the mean.
+
+        Raise InputError if ``feet`` lack ``element`` or ``local``.
+        """
         segment, t = self._locate(feet)
         left = self.conormals[segment]
         start, end = t <= AT_VERTEX_SHARE, t >= 1.0 - AT_VERTEX_SHARE
@@ -59,8 +62,8 @@ class PlaneSection(Polyline):
 def plane_section(mesh: TriangleMesh, point: Floats, normal: Floats) -> PlaneSection:
     """Return the curve in which ``mesh`` meets the plane through ``point`` (3,) with normal vector ``normal`` (3,).
 
-    Vertices lie in the plane if they are as near to it as rounding. They count as left of it, or, if no vertex is right
-    of it then, as right: the section of faces in the plane is their outline. Raise InputError if the plane misses the
+    Vertices lie in the plane if they are as near to it as rounding. They count as left of it, or, where this gives no
+    section, as right: the section of faces in the plane is their outline. Raise InputError if the plane misses the
     mesh, or touches it only.
     """
     used = np.arange(len(mesh.vertices))
@@ -77,7 +80,7 @@ def plane_section(mesh: TriangleMesh, point: Floats, normal: Floats) -> PlaneSec
 
 
 def _section_between(mesh: TriangleMesh, height: Floats, left: Bools) -> PlaneSection | None:
-    """Return the section of the mesh that separates the vertices marked ``left`` (k,) from the others; None if empty.
+    """Return the section that separates the vertices of ``mesh`` marked ``left`` (k,) from the others; None if empty.
 
     ``height`` (k,) are the vertices' signed distances from the plane. In each triangle the segment starts on the edge
     that leads from left to right in the triangle's orientation: left is then to its left, seen from the tip of the
@@ -110,7 +113,8 @@ def _section_between(mesh: TriangleMesh, height: Floats, left: Bools) -> PlaneSe
 def _remove_spurs(chains: Chains, name: Ints) -> Chains:
     """Return the chains without repeated points and without parts that lead to a point and back the same way.
 
-    ``name`` (n,) has equal entries for nodes at one point.
+    Closed chains of fewer than three points, and open ones of one, are dropped. ``name`` (n,) has equal entries for
+    nodes at one point.
     """
     vertices, chain, closed = chains.vertices, chains.chain, chains.closed
     dropped = np.ones(1, dtype=bool)
@@ -131,7 +135,7 @@ def _remove_spurs(chains: Chains, name: Ints) -> Chains:
 
 
 def _remove_touching(chains: Chains, name: Ints, places: Floats) -> Chains:
-    """Return the chains, ordered anew, without segments that occur twice: there the plane touches the mesh in an edge.
+    """Return the chains, ordered anew, without segments that occur again: there the plane touches the mesh in an edge.
 
     ``name`` (n,) has equal entries for nodes at one point of ``places`` (n, 3).
     """
@@ -148,7 +152,7 @@ def _remove_touching(chains: Chains, name: Ints, places: Floats) -> Chains:
 
 
 def _find_pairs(pairs: Ints, wanted: Ints) -> Ints:
-    """Return (k,) for each row of ``wanted`` (k, 2) the first row of ``pairs`` (m, 2) with the same numbers."""
+    """Return (k,) for each row of ``wanted`` (k, 2) the first of ``pairs`` (m, 2) with its numbers, in any order."""
     count = pairs.max() + 1
     keys, target = (np.sort(numbers, axis=1) @ [count, 1] for numbers in (pairs, wanted))
     order = np.argsort(keys, kind="stable")

@@ -91,7 +91,7 @@ def _parse_header(data: bytes) -> tuple[str, list[Element], bytes]:
     """Return the encoding, the elements, and the bytes after the header of a PLY file's ``data``.
 
     The encoding is one of :data:`PLY_ENCODINGS`. Raise InputError if a line is damaged, ``ply``, ``end_header`` or the
-    format is missing, or an element repeats a name.
+    format is missing, or two elements have one name.
     """
     if not data.removeprefix(b"\xef\xbb\xbf").startswith(b"ply"):
         raise InputError("it does not begin with ply.")
@@ -176,9 +176,10 @@ class _Stream:
         return len(self.data) - self.place
 
     def read_table(self, element: Element) -> Table:
-        """Return the table of the next element and move past it; raise InputError if the data end before its last row.
+        """Return the table of the next element and move past it.
 
-        An element without properties has an empty table.
+        Raise InputError if the data end before its last row, or a list's length is no whole number. An element without
+        properties has an empty table.
         """
         if not element.properties:
             return {}
@@ -191,7 +192,9 @@ class _Stream:
     def _read_equal_rows(self, element: Element) -> Table | None:
         """Return the next element's table and move past it, if each list has one length in all rows; else return None.
 
-        The position then stays. Raise InputError if the data end in the first row.
+            None is returned too if the data are too short for that; the position then stays. Raise InputError if the
+            data
+        end in the first row, or a list's length there is damaged.
         """
         start = self.place
         first = self._read_row(element)
@@ -221,7 +224,10 @@ class _Stream:
         return np.dtype(fields)
 
     def _read_row(self, element: Element) -> list[np.ndarray]:
-        """Return the next row of ``element``, an array for each property, and go on; raise InputError if data end."""
+        """Return the next row of ``element``, an array for each property, and move past it.
+
+        Raise InputError if the data end before, or a list's length is damaged.
+        """
         row = []
         for item in element.properties:
             count = _checked_length(self._read_numbers(1, item.length, element)[0]) if item.length else 1

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.plugin import Floats, InputError, Ints, dots, shown, unit
+from cpmkit.plugin import Floats, InputError, Ints, dots, norms, shown, unit
 
 #: A fan from the first corner is taken if its least triangle has at least this share of the mean triangle's area.
 FIRST_FAN_AREA_SHARE = 1e-3
-#: Rounding of areas, as a share of the mean triangle's.
+#: Rounding of areas, as a share of the mean triangle's, or of the square of the polygon's size.
 AREA_ROUNDING_SHARE = 1e-9
 
 
@@ -55,11 +55,12 @@ def as_polygons(faces: Any) -> Polygons:
 
 
 def triangulate(vertices: Floats, polygons: Polygons) -> Ints:
-    """Return (k, 3) the triangles of ``polygons`` in their order: of each a fan around one of its corners.
+    """Return (k, 3) the triangles of ``polygons`` in their order: of each a fan around a corner, or ears.
 
-    ``vertices`` (n, 3) are positions. The first corner whose fan does not fold over is taken, as others may where the
-    polygon is not convex. If there is no such corner, ears are clipped. Raise InputError if a polygon crosses itself,
-    seen along its mean normal.
+    ``vertices`` (n, 3) are positions. The first corner is taken at which the least triangle of the fan has a share
+    :data:`FIRST_FAN_AREA_SHARE` of the mean triangle's area; without one, the corner at which this share is largest. If
+    each fan folds over, ears are clipped. Raise InputError if that fails, since the polygon crosses itself, seen along
+    its mean normal, or has no mean normal though it has area.
     """
     counts = polygons.counts
     starts = np.cumsum(counts) - counts
@@ -76,7 +77,7 @@ def triangulate(vertices: Floats, polygons: Polygons) -> Ints:
 def _best_fans(vertices: Floats, corners: Ints, which: Ints) -> Ints:
     """Return (m, c - 2, 3) the triangles of polygons ``corners`` (m, c), whose numbers, for errors, are ``which`` (m,).
 
-    ``vertices`` (n, 3) are positions. Raise InputError if one crosses itself.
+    ``vertices`` (n, 3) are positions; the rule is that of :func:`triangulate`. Raise InputError if one crosses itself.
     """
     count = corners.shape[1]
     best, least = _fan(corners, 0), _least_area_share(vertices, _fan(corners, 0))
@@ -125,9 +126,9 @@ def _fan(corners: Ints, start: int) -> Ints:
 
 
 def _least_area_share(vertices: Floats, fan: Ints) -> Floats:
-    """Return (m,) the least signed area in each fan of triangles (m, t, 3) over their mean; negative if it folds back.
+    """Return (m,) the least signed area in each fan of triangles (m, t, 3) over their mean; negative if it folds over.
 
-    0 where the areas sum to zero, and where vertices are not finite.
+    It is -1 where areas above zero cancel, 0 where all are zero or vertices are not finite.
     """
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         a, b, c = (vertices[fan[:, :, k]] for k in range(3))
@@ -136,4 +137,6 @@ def _least_area_share(vertices: Floats, fan: Ints) -> Floats:
         total = areas.sum(axis=1)
         signed = np.einsum("mtk,mk->mt", areas, total)
         mean = np.einsum("mk,mk->m", total, total) / fan.shape[1]
-        return np.where(mean > 0.0, signed.min(axis=1) / mean, 0.0)
+        shares = np.where(mean > 0.0, signed.min(axis=1) / mean, 0.0)
+        cancelled = (norms(areas).max(axis=1) > AREA_ROUNDING_SHARE) & (norms(total) <= AREA_ROUNDING_SHARE)
+        return np.where(cancelled, -1.0, shares)

@@ -96,7 +96,11 @@ class Polyline:
         return ClosestPoints(np.ascontiguousarray(nearest.point[:, : self.dim]), nearest.distance, edge, segment, t)
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit tangents at closest points ``feet``, in the curve's direction; at vertices the mean."""
+        """Return (n, d) unit tangents at ``feet``, in the curve's direction; at vertices the mean of both segments'.
+
+        Where the curve turns back by half a turn, that of the segment before. Raise InputError if ``feet`` lack
+        ``element`` or ``local``.
+        """
         segment, t = self._locate(feet)
         direction = self._directions[segment]
         at_start, at_end = t <= AT_VERTEX_SHARE, t >= 1.0 - AT_VERTEX_SHARE
@@ -182,14 +186,14 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
         A ``.npy`` file that holds such an array, a ``.csv``, ``.txt`` or ``.xyz`` file with one point in each row, or
         an OBJ file with one line.
     closed : bool, optional
-        True adds the segment from the last point to the first. By default a polyline is closed
-        if its last point equals its first.
+        True adds the segment from the last point to the first, False leaves both as ends though they are equal. By
+        default a polyline is closed if its last point equals its first.
 
     Raises
     ------
     InputError
-        If both or neither of ``points`` and ``file`` are given, the file is missing or no
-        polyline, or the points are of another shape, not finite, or all the same.
+        If both or neither of ``points`` and ``file`` are given, the file is missing or no polyline, or the points are
+        of another shape, not finite, too large, or all the same.
     """
     if (points is None) == (file is None):
         raise InputError(

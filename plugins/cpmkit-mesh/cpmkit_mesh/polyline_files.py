@@ -13,7 +13,7 @@ from cpmkit_mesh.text import parse_floats, parse_ints, text_lines
 
 
 def read_polyline(path: str | Path) -> np.ndarray:
-    """Return the points (n, d) of the polyline in a file, in their order.
+    """Return the points (n, d) of the polyline in a file, in their order; of a NumPy file the array as it stands.
 
     In an OBJ file they are those of its line ``l``, or of several lines each of which begins where the last ended. A
     line that ends at its first vertex gives that point twice. Raise InputError if the file is missing, does not parse,

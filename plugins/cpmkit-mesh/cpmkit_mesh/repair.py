@@ -20,7 +20,7 @@ LEAST_AREA_SHARE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class RepairedMesh:
-    """A welded mesh of consistent winding without repeated triangles and triangles without area.
+    """A welded mesh without repeated triangles and caps, of consistent winding but for one-sided components.
 
     Attributes
     ----------
@@ -29,8 +29,8 @@ class RepairedMesh:
     given_faces : (m, 3) int64
         The same faces by the numbers of the given vertices.
     given_index : (m,) int64
-        The number of each face among those given, ascending. Further parts of a split face are numbered after all of
-        them.
+        The number of each face among those given, ascending. Further parts of a face that was split at T-junctions are
+        numbered after all of them; a part of a face that was split at a cap has the cap's number.
     flipped : (m,) bool
         Faces whose winding is opposite to that given.
     adjacency : Topology
@@ -50,8 +50,9 @@ class RepairedMesh:
 def repair_mesh(given_vertices: Floats, given_faces: Ints, weld: float | None = None) -> RepairedMesh:
     """Return the mesh of ``given_faces`` (m, 3) between ``given_vertices`` (n, 3), welded and wound consistently.
 
-    ``weld`` is the distance up to which vertices at rims are merged, None for that of rounding. Raise InputError if no
-    face has three different corners, or none has an area.
+    Repeated faces, and caps, whose corners lie on a line, are removed; components that are one-sided keep their
+    winding. ``weld`` is the distance up to which vertices at rims are merged, or lie on edges of other rims, which are
+    split there; None for that of rounding. Raise InputError if no face has three different corners, or none has area.
     """
     points, faces = _weld(given_vertices, given_faces)
     rows = distinct_faces(faces)
@@ -75,7 +76,7 @@ def repair_mesh(given_vertices: Floats, given_faces: Ints, weld: float | None = 
     flipped, one_sided = find_flipped_faces(cells, topology(points, cells))
     cells, named = _flip_faces(cells, flipped), _flip_faces(named, flipped)
     notes = [
-        *_note_unused(given_vertices),
+        *_note_nonfinite(given_vertices),
         *_note_left_out(left_out, len(faces)),
         *_note_merged(points, same, weld),
         *_note_on_edges(points, on_edges),
@@ -106,7 +107,7 @@ def _has_area(points: Floats, faces: Ints) -> bool:
     return bool((double_areas(points, faces) > LEAST_AREA_SHARE * lengths.max(axis=1, initial=0.0) ** 2).any())
 
 
-def _note_unused(vertices: Floats) -> Iterator[str]:
+def _note_nonfinite(vertices: Floats) -> Iterator[str]:
     """Yield a sentence if some of ``vertices`` (n, 3) hold NaN or infinity; no face uses them."""
     lost = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if len(lost):
@@ -167,7 +168,7 @@ def _note_flipped(points: Floats, faces: Ints, is_flipped: Bools) -> Iterator[st
 
 
 def _note_one_sided(points: Floats, faces: Ints, one_sided: Bools) -> Iterator[str]:
-    """Yield a sentence if ``one_sided`` (m,) marks faces of a component that has no consistent winding."""
+    """Yield a sentence if ``one_sided`` (m,) marks ``faces`` (m, 3), of components without consistent winding."""
     rows = np.flatnonzero(one_sided)
     if len(rows):
         yield (

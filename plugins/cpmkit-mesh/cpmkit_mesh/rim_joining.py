@@ -28,7 +28,8 @@ def merge_rim_vertices(points: Floats, faces: Ints, weld: float | None = None) -
 
     ``faces`` (m, 3) are triangles between ``points`` (n, 3); ``weld`` is the distance up to which vertices are merged,
     None for that of rounding. Only vertices on rims are merged: those of triangles stored one by one in single
-    precision, and of seams torn by rounding. The ends of an edge never are, since it is far longer than the tolerance.
+    precision, and of seams torn by rounding. The ends of an edge are not joined directly, since it is far longer than
+    the tolerance.
     """
     from scipy.spatial import cKDTree
 
@@ -56,8 +57,8 @@ def merge_rim_vertices(points: Floats, faces: Ints, weld: float | None = None) -
 def joining_distance(points: Floats, faces: Ints, vertices: Ints, weld: float | None) -> Floats:
     """Return (k,) the distance up to which another vertex or an edge is joined to each of ``vertices`` (k,).
 
-    It is the rounding of coordinates, limited to a share of the shortest edge at the vertex in ``faces`` (m, 3);
-    ``weld``, unless None, raises it to that length, within a larger share of the edge.
+    They are corners of ``faces`` (m, 3) between ``points`` (n, 3). It is the rounding of coordinates, limited to a
+    share of the shortest edge at the vertex; ``weld``, unless None, raises it to that length, within a larger share.
     """
     start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     wanted = np.zeros(len(points), dtype=bool)
@@ -83,6 +84,8 @@ ROUNDS = 4
 def split_t_junctions(points: Floats, faces: Ints, weld: float | None) -> tuple[Ints, Ints, Ints]:
     """Split triangles at vertices of others that lie on their edges, where the vertex or the edge is on a rim.
 
+    There are at most :data:`ROUNDS` rounds, each of which splits one edge of a triangle.
+
     Parameters
     ----------
     points : (n, 3) float64
@@ -90,8 +93,8 @@ def split_t_junctions(points: Floats, faces: Ints, weld: float | None) -> tuple[
     faces : (m, 3) int64
         Triangles.
     weld : float, optional
-        The distance up to which a vertex on a rim lies on an edge on a rim; by default, and elsewhere, that of
-        rounding.
+        The distance up to which a vertex on a rim lies on an edge on a rim; vertices inside are then not found. By
+        default, and of other edges, that of rounding.
 
     Returns
     -------
@@ -124,8 +127,9 @@ def _split_triangles(rows: Ints, corners: Ints, cell: Ints, edge: Ints, middle: 
     """Return rows and corners of the triangles, with one edge of each ``cell`` split at the corners ``middle``.
 
     ``rows`` (m,) and ``corners`` (m, 3) are as :func:`split_t_junctions` returns them, and so are those returned, with
-    a triangle more for each split. ``cell``, ``edge`` and ``middle`` (k,) have a row for each split; the cells are
-    ascending, and the corners of one edge in their order along it: the triangle becomes a fan around its third corner.
+    a triangle more for each split. ``cell``, ``edge`` and ``middle`` (k,) have a row for each split, with ascending
+    cells. Edge e is opposite corner e of its cell and leads from corner e + 1 to e + 2; its corners ``middle`` are in
+    that order. The triangle becomes a fan around corner e.
     """
     corners = corners.copy()
     apex = corners[cell, edge]

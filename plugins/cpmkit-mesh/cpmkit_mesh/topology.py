@@ -29,7 +29,7 @@ class Topology:
     boundary_face, boundary_edge : (k,) int64
         Triangle of each boundary edge, and which of its edges it is.
     loop : (k,) int64
-        Number of the loop of each boundary edge, by decreasing length.
+        Number of the loop of each boundary edge, by decreasing length; loops that share a vertex are one.
     consistent : bool
         Whether the winding is consistent: two triangles pass a common edge in opposite directions.
     """

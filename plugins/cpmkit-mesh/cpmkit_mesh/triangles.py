@@ -22,7 +22,7 @@ from cpmkit.plugin import (
 )
 from cpmkit_mesh.box_tree import BoxTree, Nearest, build_tree, translate_tree
 from cpmkit_mesh.engines import Search, nearest_search
-from cpmkit_mesh.error_floors import integral_floor, is_flat_sided, solution_error_floor, turning_angle
+from cpmkit_mesh.error_floors import integral_floor, is_flat_sided, rms_turning_angle, solution_error_floor
 from cpmkit_mesh.face_geometry import InnerEdges, inner_edges
 from cpmkit_mesh.interpolated_normals import (
     InterpolatedNormals,
@@ -138,11 +138,12 @@ class TriangleMesh:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, 3), on the triangles or, if smooth, along interpolated normals.
 
-        ``element`` is the triangle of the closest point, by the user's numbers, ``local`` (n, 3) its barycentric
-        coordinates, ``edge`` the number of the boundary loop on which it lies (loops by decreasing length; -1 off the
-        boundary), and ``distance`` the distance from the triangles. Closest points of a smooth mesh are ``doubtful``
-        where no normal near by leads to the query: they are the nearest points of the triangles. Raise InputError if
-        ``x`` does not have shape (n, 3) or is not finite.
+        ``element`` is the triangle of the closest point, by the user's numbers (beyond these, further parts of
+        triangles that were split at T-junctions), ``local`` (n, 3) its barycentric coordinates, ``edge`` the number of
+        the boundary loop on which it lies (loops by decreasing length; -1 off the boundary), and ``distance`` the
+        distance from the triangles. Closest points of a smooth mesh are ``doubtful`` where no normal near by leads to
+        the query: they are the nearest points of the triangles. Raise InputError if ``x`` does not have shape (n, 3) or
+        is not finite.
         """
         x = as_points(x, 3)
         nearest = self._search(x)
@@ -247,12 +248,12 @@ class TriangleMesh:
 
     @cached_property
     def mean_turning(self) -> float:
-        """The root mean square angle, in radians, between normals at both ends of an edge; 0 for flat-sided bodies."""
+        """Root mean square angle, in radians, between normals at both ends of an edge; 0 if faceted and flat-sided."""
         if self._original is not self:
             return self._original.mean_turning
         if not self.smooth and is_flat_sided(self.inner_edges, self.crease_angle):
             return 0.0
-        return turning_angle(self.vertices, self.faces, self.normals_at_corners)
+        return rms_turning_angle(self.vertices, self.faces, self.normals_at_corners)
 
     @cached_property
     def given_vertices(self) -> Ints:
@@ -278,7 +279,7 @@ class TriangleMesh:
         local = np.empty((len(face), 3))
         local[:, 1:] = points.local
         local[:, 0] = 1.0 - local[:, 1] - local[:, 2]
-        edge = self._edges(face, local)
+        edge = self._loop_of_point(face, local)
         return ClosestPoints(
             points.point,
             points.distance,
@@ -309,7 +310,7 @@ class TriangleMesh:
             else local
         )
 
-    def _edges(self, face: Ints, local: Floats) -> Ints:
+    def _loop_of_point(self, face: Ints, local: Floats) -> Ints:
         """Return (n,) the number of the boundary loop on which each point lies, -1 for none.
 
         ``local`` (n, 3) are its barycentric coordinates on the mesh's triangle ``face`` (n,).

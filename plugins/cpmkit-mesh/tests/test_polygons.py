@@ -60,6 +60,20 @@ def test_a_polygon_that_crosses_itself_is_refused():
         triangles(vertices=in_space(star, None), faces=[[0, 1, 2, 3, 4]])
 
 
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("axis", [0, 2, None])
+def test_a_bow_tie_whose_areas_cancel_is_refused(axis, scale):
+    """Its triangles cover each other's sides with opposite winding, and its mean normal vanishes."""
+    points = scale * in_space([(0, 0), (1, 1), (1, 0), (0, 1)], axis)
+    with pytest.raises(InputError, match="face 1 is a polygon of 4 corners that crosses itself"):
+        triangles(vertices=points, faces=[[0, 1, 2, 3]])
+
+
+def test_a_polygon_whose_corners_lie_on_a_line_is_left_out():
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 1, 0]])
+    assert triangles(vertices=points, faces=[[0, 1, 2, 3], [0, 3, 4]]).given_mesh[1].shape == (3, 3)
+
+
 @pytest.mark.parametrize(
     "faces", [[[0, 1, 2, 3]], np.array([[0, 1, 2, 3]]), [[0, 1, 2], [0, 2, 3]], [(0, 1, 2), np.array([0, 2, 3])]]
 )

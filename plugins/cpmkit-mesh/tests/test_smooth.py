@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cpmkit_mesh import triangles
-from cpmkit_mesh.conformance import turning_angle
+from cpmkit_mesh.conformance import largest_turning_angle
 
 
 def around_unit_sphere(count, reach=0.2):
@@ -97,7 +97,7 @@ def test_feet_stay_within_the_turning_angle_of_the_nearest_points(request, shape
     feet, nearest = smooth.closest_point(x), faceted.closest_point(x)
     np.testing.assert_array_equal(feet.distance, nearest.distance)
     away = np.linalg.norm(feet.points - nearest.points, axis=1)
-    assert (away <= turning_angle(smooth) * nearest.distance + 1e-14).all()
+    assert (away <= largest_turning_angle(smooth) * nearest.distance + 1e-14).all()
 
 
 def test_feet_do_not_jump_where_the_nearest_triangle_changes(sphere):
