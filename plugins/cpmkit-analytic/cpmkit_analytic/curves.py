@@ -26,7 +26,7 @@ class Point:
         return Feet(np.zeros_like(q), no_edge_entries(q))
 
     def support(self, u: Floats) -> Floats:
-        """Return zero: a point has no extent."""
+        """Return (n,) zeros: a point has no extent."""
         return np.zeros(len(u))
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:  # noqa: ARG002 - a point has one size
@@ -83,7 +83,7 @@ class Circle:
     manifold_dim: int = 1
 
     def feet(self, q: Floats) -> Feet:
-        """Return closest points of ``q`` (n, d) with angles in [-pi, pi] as ``local`` (n, 1), 0 from the axis."""
+        """Return closest points of ``q`` (n, d), with angles in [-pi, pi] as ``local``; from the axis, angle 0."""
         direction = normalize_or_default(q[:, :2], (1.0, 0.0))
         angle = np.arctan2(direction[:, 1], direction[:, 0])
         return Feet(_embed_plane_points(self.radius * direction, self.dim), no_edge_entries(q), angle[:, None])

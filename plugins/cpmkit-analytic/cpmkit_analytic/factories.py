@@ -77,7 +77,8 @@ def circle(
 
     It runs counterclockwise, in space about ``normal``. Its points x then move to
     ``translation + scale * rotation @ x``; ``rotation`` is an angle (plane) or a rotation vector (space) in radians, or
-    a matrix (d, d), ``translation`` d numbers, ``scale`` above zero. Raise InputError if a value is not as stated.
+    a matrix (d, d), ``translation`` d numbers, ``scale`` above zero. Raise InputError if a value is not as stated, or
+    ``normal`` is given with a ``center`` of 2 numbers.
 
     Parameters
     ----------
@@ -108,9 +109,10 @@ def arc(
     """Return the arc of a circle from the angle ``start`` (end 0) counterclockwise to the angle ``end`` (end 1).
 
     Its points x then move to ``translation + scale * rotation @ x``; ``rotation`` is an angle (plane) or a rotation
-    vector (space) in radians, or a matrix (d, d), ``translation`` d numbers, ``scale`` above zero. Raise InputError if
-    a value is not as stated, or the angles are equal or differ by a full turn or more. It lies in space if ``normal``
-    or a ``center`` of 3 numbers is given.
+    vector (space) in radians, or a matrix (d, d), ``translation`` d numbers, ``scale`` above zero. It lies in space if
+    ``normal`` or a ``center`` of 3 numbers is given. Raise InputError if a value is not as stated, the angles are equal
+    or differ by a full turn or more, ``x_axis`` is parallel to ``normal``, or a ``center`` of 2 numbers has a
+    ``normal``.
 
     Parameters
     ----------

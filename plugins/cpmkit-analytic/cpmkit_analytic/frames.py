@@ -44,7 +44,10 @@ def as_direction(x: Any, dim: int, label: str) -> Floats:
 
 
 def plane_frame(x_axis: Any = None) -> Floats:
-    """Return the right-handed frame (2, 2), axes in columns, with the first along ``x_axis``, 2 numbers, or (1, 0)."""
+    """Return the right-handed frame (2, 2), axes in columns, with the first along ``x_axis``, 2 numbers, or (1, 0).
+
+    Raise InputError if ``x_axis`` is zero, not finite or of another length.
+    """
     x, y = as_direction((1.0, 0.0) if x_axis is None else x_axis, 2, "x_axis")
     return np.array([[x, -y], [y, x]])
 
@@ -52,7 +55,7 @@ def plane_frame(x_axis: Any = None) -> Floats:
 def space_frame(z_axis: Any, x_axis: Any = None, label: str = "axis") -> Floats:
     """Return the right-handed frame (3, 3), axes in columns, with its third axis along ``z_axis``.
 
-    Raise InputError if an axis is zero, or the angle between the two is below 1e-9.
+    Raise InputError if an axis is zero, or the sine of the angle between the two is below 1e-9.
 
     Parameters
     ----------

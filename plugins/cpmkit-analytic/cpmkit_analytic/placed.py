@@ -80,16 +80,19 @@ class Placed:
         return ClosestPoints(self._to_world(feet.points), norms(q - feet.points), feet.edge, local=feet.local)
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) on the shape and cells (m, k) with edges of about ``spacing``, above zero.
+        """Return vertices (v, d) on the shape and cells (m, k) with edges of about ``spacing``.
 
         Cells are the point (k = 1), segments in order of travel (2), or triangles (3), counterclockwise seen from
-        outside.
+        outside; those of a cuboid cover its sides. Raise InputError if ``spacing`` is not a number above zero.
         """
         vertices, cells = self.shape.mesh(positive(spacing, "spacing"))
         return self._to_world(vertices), cells
 
     def translate(self, offset: Floats, /) -> Placed:
-        """Return the same shape moved by ``offset``, (d,) finite numbers; the centre alone is rounded, once."""
+        """Return the same shape moved by ``offset`` (d,); the centre alone is rounded, once.
+
+        Raise InputError if ``offset`` is not d finite numbers.
+        """
         return replace(self, center=self.center + as_vector(offset, self.dim, "offset"))
 
     def move(self, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:

@@ -34,9 +34,10 @@ class Box:
         return len(self.half)
 
     def feet(self, q: Floats) -> Feet:
-        """Return the closest points of ``q`` (n, d); of points in the box, themselves with ``edge`` -1.
+        """Return the closest points of ``q`` (n, d); of points in the box or on a side, themselves with ``edge`` -1.
 
-        Else ``edge`` is the side that is farthest away: 2 k where coordinate k is least, 2 k + 1 where it is greatest.
+        Else ``edge`` is the side beyond which the query lies farthest: 2 k where coordinate k is least, 2 k + 1 where
+        it is greatest.
         """
         beyond = np.abs(q) - self.half
         axis = beyond.argmax(axis=1)
@@ -49,7 +50,10 @@ class Box:
         return np.asarray(np.abs(u) @ self.half)
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) and triangles (m, 3), counterclockwise, in the rectangle or on the cuboid's sides."""
+        """Return vertices (v, d) and triangles (m, 3), counterclockwise, in the rectangle or on the cuboid's sides.
+
+        Edges are of about ``spacing``; each side of a cuboid has vertices of its own.
+        """
         if self.dim == 2:
             return rectangle(-self.half, self.half, spacing)
         vertices, triangles, first = [], [], 0

@@ -62,7 +62,10 @@ class Cap(Sphere):
         return float(np.sqrt((self.radius - self.height) * (self.radius + self.height)))
 
     def feet(self, q: Floats) -> Feet:
-        """Return closest points of ``q`` (n, 3); below the rim, its point on the same meridian, with ``edge`` 0."""
+        """Return closest points of ``q`` (n, 3); below the rim, its point on their meridian, with ``edge`` 0.
+
+        Points on the axis have the meridian of the x axis.
+        """
         on_sphere = self.radius * normalize_or_default(q, NORTH)
         rim = np.full_like(q, self.height)
         rim[:, :2] = self.rim_radius * normalize_or_default(q[:, :2], (1.0, 0.0))

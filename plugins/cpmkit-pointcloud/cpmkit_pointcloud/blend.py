@@ -94,9 +94,9 @@ def find_feet(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: boo
     """Return feet (n, d) of ``x``, the sample (n,) nearest to each, its edge (n,), and (n,) whether it is doubtful.
 
     ``nearest`` (n,) are the samples nearest to the queries ``x`` (n, d); a search ends at a step of length ``tiny``. If
-    ``closed``, every edge is -1. Else feet beyond the rim are moved onto it, and have edge 0. A foot is doubtful where
-    the search did not converge or all samples lie on one side of it, and not finite where the patches define no
-    surface.
+    ``closed``, every edge is -1. Else feet on the rim, and those beyond it, which are moved onto it, have edge 0. A
+    foot is doubtful where the search did not converge or all samples lie on one side of it, of which a foot that was
+    moved onto the rim is free. It is not finite where the patches define no surface.
     """
     from cpmkit_pointcloud import kernels
 
@@ -115,8 +115,7 @@ def find_feet(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: boo
 def surface_normals(surface: Blend, feet: Floats, element: Ints) -> Floats:
     """Return (n, d) unit normals at ``feet`` (n, d) of the surface; NaN where no patch reaches.
 
-    ``element`` (n,) are the samples nearest to the feet; each normal is on the side of that sample's patch, of any
-    sign.
+    ``element`` (n,) are the samples nearest to the feet. Signs are arbitrary: each is that of this sample's patch.
     """
     from cpmkit_pointcloud import kernels
 

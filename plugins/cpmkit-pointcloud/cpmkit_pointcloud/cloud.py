@@ -129,10 +129,12 @@ class PointCloud:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d) on the surface.
 
-        ``element`` is the sample nearest to the foot, by the user's numbers. Feet are ``doubtful`` where the search did
-        not converge, where they have left the samples behind (beyond the rim of an open cloud, in holes), and where the
-        samples around lie on no smooth surface. Raise InputError if ``x`` does not have shape (n, d) or is not finite,
-        or the patches around a query contradict each other.
+        ``element`` is the sample nearest to the foot, by the user's numbers. ``edge`` is -1, but 0 on the rim if
+        :attr:`closed` is false: feet beyond the rim are moved onto it. ``distance`` is a lower bound for feet on the
+        rim and beyond :attr:`trusted_distance`. Feet are ``doubtful`` where the search did not converge, where all
+        samples lie on one side of them (in holes of a closed cloud), and where the samples around lie on no smooth
+        surface. Raise InputError if ``x`` does not have shape (n, d) or is not finite, or the patches around a query
+        contradict each other.
         """
         x = as_points(x, self.dim)
         to_samples, nearest = query_nearest_samples(self._tree, x)
@@ -162,7 +164,10 @@ class PointCloud:
         return np.einsum("nk,nk...->n...", weights, values[self.given[index]])
 
     def advice(self, spacing: float, /) -> Advice:
-        """Return errors, relative to a solution's range, by gaps and noise of samples at ``spacing``, and warnings."""
+        """Return errors, relative to a solution's range, by gaps and noise of samples at ``spacing``, and warnings.
+
+        Raise InputError if ``spacing`` is not a number above zero.
+        """
         slope, width = self._slope
         floor = fitted_floor(slope, width, positive(spacing, "spacing"), self.dim)
         return Advice(
@@ -278,7 +283,10 @@ class OrientedPointCloud(PointCloud):
         return self.sample_normals
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit normals of the surface at ``feet``, on the side of the given normals."""
+        """Return (n, d) unit normals of the surface at ``feet``, on the side of the normals given at their samples.
+
+        Raise InputError if ``feet`` lack ``element``.
+        """
         sample = self._sample_rows(feet)
         normal = surface_normals(self.surface, feet.points, sample)
         against = np.einsum("nd,nd->n", normal, self.sample_normals[sample]) < 0.0

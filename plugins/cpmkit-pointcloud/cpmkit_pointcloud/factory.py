@@ -45,19 +45,21 @@ def points(
     degree : 1 to 4
         Of the patches. The error of a foot falls with the power degree + 1 of the distance between samples or faster.
     neighbours : int, optional
-        How many samples a patch is fitted to, itself included; by default 12, 20, 30, 45 for the degrees
-        1 to 4, on curves 5, 7, 9, 11. More of them average noise better.
+        How many samples a patch is fitted to, its own included, at least as many as it has coefficients; by default
+        12, 20, 30, 45 for the degrees 1 to 4, on curves 5, 7, 9, 11. More of them average noise better.
     normals : file or (n, d) array, optional
         One normal a point, all on the same side of the surface: with them samples of another sheet
         close by are distinguished, and the surface has a side.
     closed : bool
-        False: the surface ends where the samples end, and its rim is edge 0.
+        True: a cloud whose surface ends is refused. False: the surface ends where the samples end, and its rim is
+        edge 0.
 
     Raises
     ------
     InputError
         If both or neither of ``file`` and ``points`` are given, they hold no cloud, an option is none of those
-        accepted, there are too few points, or the cloud is open and ``closed`` is not false.
+        accepted, there are fewer points than d + 1, normals are of another number, zero or opposite to those of all
+        neighbours, or the cloud is open and ``closed`` is not false.
     MissingDependencyError
         If a PCD file is given and Open3D is absent or cannot load.
     """
@@ -83,7 +85,7 @@ def _neighbour_count(degree: Any, neighbours: Any, dim: int) -> int:
     ``dim`` is that of the space. Raise InputError if the degree is not 1 to 4, or the number is not whole or below that
     of the patch's coefficients.
     """
-    if degree not in FIT_NEIGHBOURS[dim]:
+    if not isinstance(degree, (int, np.integer)) or degree not in FIT_NEIGHBOURS[dim]:
         raise InputError(f"degree must be 1, 2, 3 or 4, got {shown(degree)}.")
     least = len(exponents(degree, dim - 1))
     count = FIT_NEIGHBOURS[dim][degree] if neighbours is None else neighbours

@@ -38,8 +38,9 @@ def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats
     """Return the root mean square error of the surface's slope, and the median width of its bumps as a length.
 
     The slope is that of ``patches``, one for each of ``points`` (n, d), against patches of the next degree, at 500
-    samples at most. ``tree`` is that of the points; ``normals`` (n, d) or None separate sheets. The error includes
-    truncation and noise; on even samples without noise it is overestimated up to 4 times.
+    samples at most; it is 0 if the neighbours of none of these determine both patches. ``tree`` is that of the points;
+    ``normals`` (n, d) or None separate sheets. The error includes truncation and noise; on even samples without noise
+    it is overestimated up to 4 times.
     """
     rows = np.sort(np.random.default_rng(0).choice(len(points), min(SLOPE_SAMPLES, len(points)), replace=False))
     degree = patches.degree + 1
@@ -76,9 +77,10 @@ def integral_floor(slope: float, noise: float, count: int) -> float:
 
 
 def plain_floor(points: Floats, tree: cKDTree, spacing: float) -> float:
-    """Return the error, relative to the range, at grid ``spacing`` if feet are samples, ``points`` (n, d).
+    """Return the error, relative to a solution's range, at grid ``spacing`` if feet are the samples ``points`` (n, d).
 
-    They jump from sample to sample. ``tree`` is that of the points; the error of a single point is 0.
+    They jump from sample to sample. It is at most :data:`WORST_PLAIN_ERROR`, and 0 for a single point. ``tree`` is that
+    of the points.
     """
     count = min(DENSITY_NEIGHBOURS, len(points) - 1)
     if not count:

@@ -105,8 +105,9 @@ def _evaluate_blend(y, j, cloud):
 
 @compiled
 def _nearest_sample(y, j, cloud):
-    """Return the sample nearest to ``y`` (3,), found from sample ``j`` by descent through samples that patches reach.
+    """Return the sample nearest to ``y`` (3,), found by descent from sample ``j``, which is near it.
 
+    Each step goes to the nearest of the samples whose patches reach the present one; it ends where none is nearer.
     ``cloud`` is :attr:`Blend.arrays`.
     """
     points, starts, reaching = cloud[0], cloud[5], cloud[6]
@@ -127,9 +128,10 @@ def _nearest_sample(y, j, cloud):
 def _tangential_step(x, y, g, j, cloud):
     """Return Newton's step (3,) along the surface from ``y`` (3,) towards the foot of ``x`` (3,).
 
-    It is orthogonal to ``g`` (3,), the gradient of f at ``y``. ``j`` is the sample nearest to ``y``, ``cloud`` is
-    :attr:`Blend.arrays`. The second derivatives are those of the patch of ``j`` alone: what they lack is of the order
-    of its radius, and costs rounds, not accuracy.
+    Near a focal point it is a damped step down the gradient of the distance. It is orthogonal to ``g`` (3,), the
+    gradient of f at ``y``. ``j`` is the sample nearest to ``y``, ``cloud`` is :attr:`Blend.arrays`. The second
+    derivatives are those of the patch of ``j`` alone: what they lack is of the order of its radius, and costs rounds,
+    not accuracy.
     """
     points, frames, radii, coefficients, degree = cloud[0], cloud[1], cloud[2], cloud[3], cloud[4]
     e, r = frames[j], radii[j]
@@ -178,10 +180,10 @@ def _move_to_surface(y, j, cloud, tiny):
 
 @compiled
 def _search_foot(x, y, j, cloud, tiny):
-    """Move ``y`` (3,) in place from sample ``j`` to the foot of ``x`` (3,); return its sample and whether it converged.
+    """Move ``y`` (3,) in place to the foot of ``x`` (3,); return the sample nearest to it and whether it converged.
 
-    It converges at a step of length ``tiny``; ``cloud`` is :attr:`Blend.arrays`. A search that leaves the reach of all
-    patches ends at a place that one still reaches.
+    ``j`` is the sample nearest to the given ``y``, ``cloud`` is :attr:`Blend.arrays`. It converges at a step of length
+    ``tiny``. A search that leaves the reach of all patches ends, not converged, at a place that one still reaches.
     """
     radii = cloud[2]
     reach = np.sqrt((x - y) @ (x - y))
@@ -215,7 +217,8 @@ def _search_foot(x, y, j, cloud, tiny):
 def _distance_beyond_rim(y, j, cloud):
     """Return |mean offset of samples around ``y``| - :data:`BEYOND_RIM_RADII`, in radii: above zero beyond the rim.
 
-    ``j`` is the sample nearest to ``y`` (3,), ``cloud`` is :attr:`Blend.arrays`.
+    The mean offset is 0 where no patch reaches. ``j`` is the sample nearest to ``y`` (3,), ``cloud`` is
+    :attr:`Blend.arrays`.
     """
     _, _, _, _, mx, my, mz = _evaluate_blend(y, j, cloud)
     return np.sqrt(mx * mx + my * my + mz * mz) - BEYOND_RIM_RADII
@@ -307,7 +310,8 @@ def fill_feet(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge,
 
     The surface goes on for a while beyond the rim of an open cloud, and into holes, where the samples that reach are
     all on one side. A foot that has left them behind is doubtful if the cloud is ``closed``; if it is open, the foot is
-    moved back to the rim. A search that did not converge leaves a doubtful foot.
+    moved back to the rim and is not doubtful. Otherwise a search that did not converge leaves a doubtful foot: where it
+    ended, or, if ``closed``, near the nearest sample.
     """
     points = cloud[0]
     y = np.empty(3)

@@ -64,7 +64,7 @@ class NearestSamples:
         return len(self.points)
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
-        """Return the nearest samples of ``x`` (n, d); ``element`` is their row.
+        """Return the samples nearest to ``x`` (n, d), their rows as ``element``, and ``edge`` -1.
 
         Raise InputError if ``x`` does not have shape (n, d) or is not finite.
         """
@@ -82,7 +82,10 @@ class NearestSamples:
         return one_row_each(values, self.value_count, "points")[feet.element]
 
     def advice(self, spacing: float, /) -> Advice:
-        """Return the error, relative to a solution's range, that gaps between samples cause at grid ``spacing``."""
+        """Return the error, relative to a solution's range, that gaps between samples cause at grid ``spacing``.
+
+        Raise InputError if ``spacing`` is not a number above zero.
+        """
         floor = plain_floor(self.points, self._tree, positive(spacing, "spacing"))
         return Advice(floor, mesh_for_samples=False, foot_count=len(self.points))
 

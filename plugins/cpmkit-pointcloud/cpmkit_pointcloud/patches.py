@@ -109,8 +109,8 @@ def fit_patches(points: Floats, neighbours: Ints, degree: int, rows: Ints) -> Pa
     """Return a patch of ``degree`` for each sample of ``rows`` (m,), fitted to its ``neighbours`` (m, k).
 
     Both are rows of ``points`` (n, d); the sample is among its neighbours. The m patches are in the order of ``rows``.
-    Where the neighbours do not determine all coefficients, degree 1 is tried, and then degree 0: the plane of the
-    neighbours through the sample.
+    Where the neighbours do not determine all coefficients, degree 1 is tried, and then degree 0: the plane through the
+    sample parallel to that of the neighbours, a curve's line likewise.
     """
     n, dim = len(rows), points.shape[1]
     fitted = Patches(
@@ -162,8 +162,8 @@ def _fit_parcel(offsets: Floats, degree: int, fitted: Patches, rows: slice) -> N
 def _solve_least_squares(local: Floats, weights: Floats, terms: Sequence[tuple[int, int]]) -> tuple[Floats, Bools]:
     """Return (m, terms) coefficients of height fields, and (m,) whether the neighbours determine them.
 
-    Else the coefficients are zero. ``local`` (m, k, d) are neighbours in the frames, ``weights`` (m, k) root weights,
-    ``terms`` the exponents (i, j) of the monomials.
+    Coefficients that are not determined are zero. ``local`` (m, k, d) are the neighbours in the frames, in units of the
+    radii, ``weights`` (m, k) root weights, ``terms`` the exponents (i, j) of the monomials.
     """
     first, second = local[:, :, 0], local[:, :, local.shape[2] - 2]
     design = np.stack([first**i * second**j for i, j in terms], axis=2) * weights[:, :, None]

@@ -40,7 +40,8 @@ def read_points(path: str | Path) -> np.ndarray:
 
     Returns
     -------
-    points : (n, 2) or (n, 3) array, as it stands in the file
+    points : array
+        The rows (n, 2) or (n, 3); that of a ``.npy`` file, or of text with one number a row, may have another shape.
     """
     file = existing_file(path)
     suffix = file.suffix.lower()
@@ -69,7 +70,10 @@ def _read_ply(file: Path) -> np.ndarray:
 
 
 def _read_rows(file: Path) -> np.ndarray:
-    """Return the numbers (n, 2 or 3) of a text file; raise InputError, without quoting it, if it does not parse."""
+    """Return the first three numbers, or fewer, of each row of a text file as (n, 1 to 3).
+
+    Raise InputError, without quoting the file, if it does not parse.
+    """
     lines = read_bytes(file).decode("utf-8-sig", errors="replace").splitlines()
     kind = file.suffix[1:].upper()
     try:
@@ -136,7 +140,7 @@ def as_cloud(points: Any, label: str = "points") -> Floats:
 def as_normals(normals: Any, points: Floats) -> Floats:
     """Return ``normals`` as (n, d) unit vectors, one for each of ``points`` (n, d).
 
-    Raise InputError if their shape is not that of the points, or one is zero or not finite.
+    Raise InputError if their shape is not that of the points, they are no numbers, or one is zero or not finite.
     """
     vectors = as_cloud(normals, "normals")
     if vectors.shape != points.shape:

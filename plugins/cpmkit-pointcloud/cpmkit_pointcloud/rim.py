@@ -29,8 +29,8 @@ LEAST_RIM_SAMPLES, LEAST_RIM_SHARE = {2: 1, 3: 4}, 3e-4
 def rim_samples(surface: Blend, tree: cKDTree, rows: Ints) -> tuple[Ints, Floats]:
     """Return the samples (m,) of ``rows`` with all neighbours on one side, and unit vectors (m, d) to the other side.
 
-    ``tree`` is that of the samples. One side: :data:`OPEN_ANGLE_RADIANS` of the tangent plane hold no neighbour; of a
-    curve, the nearest three neighbours lie in one direction.
+    ``tree`` is that of the samples. One side: of directions from the sample in the tangent plane, an angle of
+    :data:`OPEN_ANGLE_RADIANS` holds no neighbour; of a curve, the nearest three neighbours lie in one direction.
     """
     points, dim = surface.points, surface.points.shape[1]
     count = min(DIRECTION_NEIGHBOURS[dim] + 1, len(points))

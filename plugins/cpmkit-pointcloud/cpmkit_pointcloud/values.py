@@ -20,9 +20,9 @@ LEAST_SPREAD_SHARE = 1e-9
 def interpolation_weights(feet: Floats, points: Floats, tree: cKDTree, tangents: Floats) -> tuple[Ints, Floats]:
     """Return the samples (n, k) around ``feet`` (n, d) and the weights (n, k) by which their data are summed.
 
-    ``tree`` is that of the samples ``points`` (m, d). The weights are those of a linear function fitted to the samples
-    around in the plane of the unit ``tangents`` (n, d - 1, d), nearer samples counting more: they add up to 1, and
-    constants and linear functions are read as they are.
+    ``tree`` is that of the samples ``points`` (m, d). The weights are those of a linear function of the coordinates
+    along the unit ``tangents`` (n, d - 1, d), fitted to the samples around, nearer ones counting more: they add up to
+    1, and such functions are read as they are, if the samples spread in each of these directions.
     """
     n, dim = feet.shape
     count = min(VALUE_SAMPLES[dim], len(points))

@@ -187,6 +187,8 @@ def test_a_cloud_of_few_points_is_a_plane():
         ({"points": BALL, "file": "a.ply"}, "got both"),
         ({"points": BALL, "method": "best"}, "method must be 'mls' or 'nearest', got 'best'"),
         ({"points": BALL, "degree": 5}, "degree must be 1, 2, 3 or 4, got 5"),
+        ({"points": BALL, "degree": 2.0}, r"degree must be 1, 2, 3 or 4, got 2\.0"),
+        ({"points": BALL, "degree": [2]}, r"degree must be 1, 2, 3 or 4, got \[2\]"),
         ({"points": BALL, "neighbours": 5}, "at least 6 for degree 2, got 5"),
         ({"points": BALL, "neighbours": 20.5}, "a whole number"),
         ({"points": BALL[:, :1]}, r"shape \(n, 2\) or \(n, 3\)"),

@@ -10,7 +10,10 @@ from cpmkit_svg.scene import draw
 
 
 def main(words: list[str] | None = None) -> int:
-    """Write the picture that the command line ``words`` (None: sys.argv) describe; return 0, or 1 after an error."""
+    """Write the picture that the command line ``words`` (None: sys.argv) describes; return 0, or 1 after an error.
+
+    Words that are no options or numbers as described end the process with status 2.
+    """
     parser = ArgumentParser(prog="cpmkit_svg", description="Solve the diffusion curves of an SVG file.")
     parser.add_argument("drawing", help="the SVG file that is read")
     parser.add_argument("picture", help="the PNG file that is written")

@@ -22,8 +22,9 @@ def arc_cubics(start: Floats, radii: Floats, rotation: float, large: bool, sweep
 
     ``radii`` (2,) and ``rotation``, in degrees from the x axis to the first of them, define the ellipse; ``large``
     chooses an arc of more than half a turn, ``sweep`` one along which the angle grows. By the formulas of SVG 1.1,
-    appendix F.6.5 and F.6.6: radii that are too small are scaled up; where one is zero the arc is a line. The list is
-    empty if both ends are one point. Each cubic spans an eighth of a turn at most, and is off by 4e-6 of the radius.
+    appendix F.6.5 and F.6.6: radii that are too small are scaled up. Where one is zero to rounding, or both are so
+    large that the shorter arc is straight to rounding, the list is one line; it is empty if both ends are one point.
+    Each cubic spans an eighth of a turn at most, and is off by 4e-6 of the radius.
     """
     radii, chord = np.abs(radii), float(np.linalg.norm(end - start))
     if chord == 0:

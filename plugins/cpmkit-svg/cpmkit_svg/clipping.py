@@ -20,7 +20,9 @@ class PolylinePiece:
 def clip_polyline(points: Floats, lower: Floats, upper: Floats) -> list[PolylinePiece]:
     """Return the pieces of the polyline ``points`` (n, 2) in a box, in its order; an empty list if it misses the box.
 
-    ``lower`` and ``upper`` (2,) are the box's corners. The method is that of Liang and Barsky, segment by segment.
+    ``lower`` and ``upper`` (2,) are the box's corners; the polyline has a length above zero. A closed polyline that
+    starts in the box and leaves it has a piece at its start and one at its end. The method is that of Liang and Barsky,
+    segment by segment.
     """
     start, step = points[:-1], np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)

@@ -22,7 +22,7 @@ PATHS = {
 
 
 def cases() -> list[ConformanceCase]:
-    """Return a case for each sort of path."""
+    """Return a case for each of :data:`PATHS`; those of lines alone have samples on the curve."""
     from cpmkit.plugin import ConformanceCase
 
     return [

@@ -49,7 +49,7 @@ class DrawnCurve:
         Along it, y upwards; the last of a closed one is the first.
     closed : bool
     left, right : Stops, optional
-        Colours on its sides, at your left and right hand as it is drawn; None where nothing passes.
+        Colours on its sides, at your left and right hand as it is drawn; None for ``none``.
     coloured : bool
         Whether the curve has a colour on a side.
     """
@@ -74,8 +74,9 @@ class Drawing:
 def read_drawing(path: str | Path) -> Drawing:
     """Return the canvas and the curves of an SVG file.
 
-    Raise InputError if the file is no SVG that :func:`~cpmkit_svg.xml_tree.read_xml` reads, it draws what is no curve
-    (text, images, copies by ``use``), it has style sheets, or an attribute is damaged.
+    Raise InputError if the file is no SVG that :func:`~cpmkit_svg.xml_tree.read_xml` reads, has neither a viewBox nor
+    width and height, draws what is no curve (text, images, copies by ``use``, rectangles with round corners), has style
+    sheets, or an attribute is damaged.
     """
     root = read_xml(path)
     try:
@@ -93,7 +94,8 @@ def read_drawing(path: str | Path) -> Drawing:
 def _canvas(attributes: Mapping[str, str]) -> Floats:
     """Return the lower and upper corners (2, 2) of the canvas, y downwards, from the root's ``attributes``.
 
-    They are those of the viewBox, else (0, 0) and (width, height). Raise InputError if both are missing or damaged.
+    They are those of the viewBox, else (0, 0) and (width, height). Raise InputError if both are missing, or those read
+    are damaged or not above zero.
     """
     if "viewBox" in attributes:
         x, y, width, height = Scanner(attributes["viewBox"], "viewBox").numbers(4)
@@ -111,6 +113,7 @@ def _curves(
 ) -> Iterator[DrawnCurve]:
     """Yield the curves of an element and its descendants, with properties inherited, in the order of the file.
 
+    Elements that are not displayed, not visible, of another namespace or only definitions have none.
     ``outer`` (2, 3) maps the coordinates in which the element stands to the drawing's, as matrix and then translation;
     ``above`` are inherited properties, ``named`` the elements by id; ``count[0]`` is increased for each shape. Raise
     InputError if an element draws what is no curve, or an attribute is damaged.

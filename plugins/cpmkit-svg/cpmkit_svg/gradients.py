@@ -33,7 +33,7 @@ class Stops:
 
 
 def properties(element: Element) -> dict[str, str]:
-    """Return the attributes of an element by name, replaced by the entries of its attribute ``style``."""
+    """Return the attributes of an element by name; entries of its attribute ``style`` take their place."""
     own = dict(element.attributes)
     for entry in own.pop("style", "").split(";"):
         name, colon, value = entry.partition(":")
@@ -46,7 +46,8 @@ def stops_of(given: str, named: Mapping[str, Element], label: str) -> Stops | No
     """Return the colours of an attribute's text ``given``, a colour or gradient among ``named``; None for ``none``.
 
     ``named`` are the drawing's elements by id; ``label`` names the attribute in errors. Raise InputError if the text is
-    neither a colour nor ``url(#id)`` of a gradient with stops, of its own or through others, or a stop is not opaque.
+    neither a colour nor ``url(#id)`` of a gradient with stops, of its own or through others, or a stop is damaged or
+    not opaque.
     """
     if given.strip() == "none":
         return None

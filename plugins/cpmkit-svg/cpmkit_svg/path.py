@@ -13,7 +13,7 @@ from cpmkit_svg.path_data import subpaths
 def path(
     *, file: str | Path | None = None, id: str | None = None, d: str | None = None, subpath: int | None = None
 ) -> ClosestPointSource:
-    """Return a curve of an SVG file, or of path data, as a polyline that leaves it by 1e-5 of its size at most.
+    """Return a curve of an SVG file, or of path data, as a polyline that deviates by 1e-5 of the curve's size at most.
 
     It runs as it is drawn, with its left at your left hand as you see the drawing.
 
@@ -33,7 +33,8 @@ def path(
     Raises
     ------
     InputError
-        If both or neither of ``file`` and ``d`` are given, the file cannot be read, or there is no such curve.
+        If both or neither of ``file`` and ``d`` are given, or ``id`` with ``d``; if the file cannot be read, data are
+        damaged, there is no such curve, or there are several and ``subpath`` is not given.
     """
     if (file is None) == (d is None) or (d is not None and id is not None):
         raise InputError("svg.path takes a file, with the id of a path in it, or path data d, and not both.")

@@ -72,8 +72,8 @@ class _Pen:
     def draw(self, command: str, given: list[float]) -> None:
         """Draw the path command ``command`` with its numbers ``given``, in their order in the path data.
 
-        It starts at the pen's position. A lower-case command has coordinates relative to that position. Closed subpaths
-        are appended to :attr:`found`.
+        It starts at the pen's position. A lower-case command has coordinates relative to that position. A subpath that
+        Z closes, or that M ends, is appended to :attr:`found`.
         """
         kind = command.upper()
         origin = self.at if command.islower() else np.zeros(2)

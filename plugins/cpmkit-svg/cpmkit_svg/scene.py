@@ -34,12 +34,13 @@ BATCH_PIXELS = 200_000
 
 
 def drawing_scene(file: str | Path | Drawing) -> Scene:
-    """Return the scene of the diffusion curves of an SVG file: three channels, harmonic between the curves.
+    """Return the scene of the diffusion curves of a drawing or its SVG file: three channels, harmonic between curves.
 
     The Dirichlet values on both sides of a curve are the colour of its ``stroke``; ``data-left`` and ``data-right``
     replace it on one side. Each is a colour, ``url(#id)`` of a gradient, whose stops are then shares of the curve's
-    length, or ``none`` for a side without flux. Curves without any of them are omitted. The plane and the curves end at
-    the canvas, which has no flux at its edge. Raise InputError if the file cannot be read, or no curve has a colour.
+    length, or ``none`` for a side without flux. Curves without a colour on either side are omitted. The plane and the
+    curves end at the canvas, which has no flux at its edge. Raise InputError if the file cannot be read, or no curve on
+    the canvas has a colour.
     """
     drawing = file if isinstance(file, Drawing) else read_drawing(file)
     coloured_curves = [curve for curve in drawing.curves if curve.coloured]
@@ -77,7 +78,7 @@ def draw(
     Raises
     ------
     InputError
-        If the file cannot be read, or an argument is not accepted.
+        If the file cannot be read, no curve on the canvas has a colour, or an argument is not accepted.
     """
     if Path(png).suffix.lower() != ".png":
         raise InputError(f"A picture must be a .png file, got {shown(Path(png).name)}.")

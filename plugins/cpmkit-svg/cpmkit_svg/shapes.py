@@ -23,7 +23,7 @@ def parse_length(text: str, label: str) -> float:
 
 
 def shape_path_data(name: str, attributes: Mapping[str, str], label: str) -> str:
-    """Return the path data of the shape element ``name`` with ``attributes``, empty if it has no points.
+    """Return the path data of an element ``name`` of :data:`SHAPES` with ``attributes``; empty if it has no points.
 
     Raise InputError, which names ``label``, if an attribute is damaged, or a rectangle has round corners.
     """

@@ -37,8 +37,8 @@ class Element:
 def read_xml(path: str | Path) -> Element:
     """Return the root of an SVG file.
 
-    Raise InputError if the file is missing, too large, no well-formed XML, has a document type or entities, or its root
-    is not svg.
+    Raise InputError if the file is missing, cannot be read, is too large, no well-formed XML, has a document type or
+    entities, too many elements or too many within each other, or its root is not svg.
     """
     file = existing_file(path)
     if file.stat().st_size > MOST_BYTES:
