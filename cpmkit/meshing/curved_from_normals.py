@@ -20,6 +20,7 @@ import numpy as np
 
 from cpmkit.manifold.abilities import HasMembers, HasMesh
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.source import Rows
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.mesh import CellGeometry, EdgeSupport, Mesh, edge_support
 from cpmkit.mesh.subdivision import halve_edges, inherit_shares, split_at_knot_planes
@@ -54,15 +55,11 @@ def curve_cells(
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothNormals:
+class SmoothNormals(Rows):
     """The normals at points of a mesh that is read as smooth."""
 
     across: Floats  #: (n, d): unit normals.
     flat: Bools  #: (n,): whether they are normals of triangles that stay flat beside creases.
-
-    def append(self, others: SmoothNormals) -> SmoothNormals:
-        """Return these normals followed by ``others``."""
-        return SmoothNormals(np.concatenate([self.across, others.across]), np.concatenate([self.flat, others.flat]))
 
 
 def refine_smooth_triangles(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
@@ -75,7 +72,7 @@ def refine_smooth_triangles(mesh: Mesh, source: LocalSource, length: float) -> M
     while (long := mesh.edge_lengths > length).any():
         share = inherit_shares(*halving, mesh.edges) if halving else _height_shares(source, mesh, normals)
         points, between = smooth_midpoints(source, mesh.vertices, mesh.edges.ends[long], normals, share[long])
-        normals = normals.append(between)
+        normals = SmoothNormals.join([normals, between])
         middle = np.where(long, len(mesh.vertices) + np.cumsum(long) - 1, -1)
         halving = mesh.edges, middle, share
         mesh = halve_edges(mesh, middle, points)

@@ -6,19 +6,24 @@ returns (n, d, d). Only its restriction to the tangent space of the manifold is 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.errors import InputError, SceneError, place, shown
 from cpmkit.runtime.arrays import positive
 from cpmkit.scene.data import DIFFERENCE_SHARE, Data, call_pointwise, central_difference, evaluate_data
 from cpmkit.types import Floats
 
 #: Shapes of tensors in the plane and in space.
 TENSOR_SHAPES = ((2, 2), (3, 3))
+#: Two values whose logarithms differ by less belong to the same material, and are extrapolated to a boundary.
+SAME_MATERIAL_LOG_RATIO = 0.4
+#: A condition's conductivity may differ by this share from the problem's diffusivity, and by more at this share of the
+#: points of a boundary: near other boundaries it may be evaluated in the wrong zone.
+DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
 
 
 @dataclass(frozen=True)
@@ -178,3 +183,19 @@ class StateDiffusivity:
 def zero_derivative(u: Floats) -> Floats:
     """Return zero for each value u (k,): the derivative by u of a diffusivity that does not depend on u."""
     return np.zeros_like(u)
+
+
+def check_conductivity(label: str, side: str, given: Floats, diffusivities: Sequence[Floats], points: Floats) -> None:
+    """Raise SceneError if the conductivity ``given`` (n,) on a side of a boundary is not the problem's diffusivity.
+
+    At all but a tenth of the ``points`` (n, d), in the scene's coordinates, it must be within 1 % of one of the
+    ``diffusivities`` (n,) read there, the last of which is named in the error, as are ``label`` and ``side``.
+    """
+    mismatch = np.min([np.abs(given / values - 1) for values in diffusivities], axis=0)
+    if np.mean(mismatch > DIFFUSIVITY_MISMATCH_SHARE) > MISREAD_POINTS_SHARE:
+        worst = int(mismatch.argmax())
+        raise SceneError(
+            f"{label} gives the conductivity {given[worst]:.4g} on its {side} near {place(points[worst])}, where the "
+            f"problem's diffusivity is {diffusivities[-1][worst]:.4g}; leave `{side}` out, or give the problem that "
+            "diffusivity."
+        )

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
+from cpmkit.errors import InputError
 from cpmkit.scene.data import Data, call_pointwise, central_difference, evaluate_data, is_zero
 from cpmkit.types import Floats
 
@@ -164,6 +166,20 @@ class Nonlinear(_Law):
             return call_pointwise(self.slope, (values, points), values.shape, "the slope of a nonlinear flux")
         return central_difference(lambda varied: self.flux_at(varied, points), values)
 
+    def tangent(self, values: Floats, points: Floats, depends_on_u: bool) -> Mixed | Flux:
+        """Return the law ``du/db = j(v) + j'(v) (u - v)``, v = ``values`` (n,), a flux unless it ``depends_on_u``.
+
+        Its beta and datum hold at ``points`` (n, d) alone: as functions they return the same (n,) for any points.
+        """
+        slope = self.slope_at(values, points)
+        datum = partial(_known_values, self.flux_at(values, points) - slope * values)
+        return Mixed(1.0, partial(_known_values, -slope), datum) if depends_on_u else Flux(datum)
+
+
+def _known_values(values: Floats, _points: Floats) -> Floats:
+    """Return ``values`` (n,), whatever the points; unlike a nested function, it can be pickled."""
+    return values
+
 
 @dataclass(frozen=True, eq=False)
 class Interface(_Law):
@@ -196,3 +212,14 @@ def beta_at(law: OneSided, points: Floats, label: str) -> Floats:
     is not finite.
     """
     return evaluate_data(law.beta, points, 1, f"beta of {label}")[:, 0]
+
+
+def checked_beta(law: OneSided, kind: str, points: Floats, label: str) -> Floats:
+    """Return :func:`beta_at` for the ``law`` of a condition of this ``kind``, ``points`` and ``label``.
+
+    Raises InputError if the law is mixed and beta is zero at all points.
+    """
+    beta = beta_at(law, points, label)
+    if isinstance(law, Mixed) and len(points) and not beta.any():
+        raise InputError(f"beta of {kind.capitalize()} of {label} is zero at all {len(points)} points; use Neumann.")
+    return beta

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from cpmkit.errors import ResolutionError, place
 from cpmkit.forms.collocation.discretization import Discretization, make_read_only
 from cpmkit.forms.collocation.row_formula import BoundaryData
-from cpmkit.scene.laws import Flux, Mixed, Nonlinear
+from cpmkit.scene.laws import Nonlinear
 from cpmkit.types import Floats, SparseMatrix
 
 #: A flux fixes no constant if its slope times the row's factor is below this.
@@ -78,11 +77,6 @@ def _flux_rows(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> F
     return FluxRows(law, datum, reads, rest.tocsr(), half)
 
 
-def _known_values(values: Floats, _points: Floats) -> Floats:
-    """Return ``values`` (n,): data that are known at the points of their datum alone, as a function of points."""
-    return values
-
-
 def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: Sequence[Floats]) -> Discretization:
     """Return the tables with each flux replaced by its tangent ``du/db = j(v) + j'(v) (u - v)``.
 
@@ -95,15 +89,14 @@ def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: S
     data = [datum for datum in tables.data if id(datum) not in nonlinear]
     extension = tables.extension
     for flux, v in zip(fluxes, seen, strict=True):
-        datum, points = flux.datum, flux.datum.points
+        datum = flux.datum
         slope = flux.slope(v)
         factor = datum.factor / _divisor(flux, slope, tables.layout.lattice.spacing)
         added = np.zeros(extension.shape[0])
         added[datum.rows] = factor * slope
         extension = (extension + diags_array(added) @ flux.rest).tocsr()
-        constant = partial(_known_values, flux.law.flux_at(v, points) - slope * v)
-        law = Mixed(1.0, partial(_known_values, -slope), constant) if flux.grows(v) else Flux(constant)
-        data.append(replace(datum, factor=factor, data=constant, law=law))
+        law = flux.law.tangent(v, flux.points, flux.grows(v))
+        data.append(replace(datum, factor=factor, data=law.datum, law=law))
     return replace(tables, extension=make_read_only(extension), data=data)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.compilation import compiled
+from cpmkit.runtime.index_sets import find_root, unite
 from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: Two vertices are the same if they are nearer than this share of the mesh's size.
@@ -79,23 +80,17 @@ def group_touching_patches(patches: Ints, pairs: Ints, count: int) -> Ints:
     rows, width = patches.shape
     group = np.empty((rows, width), dtype=np.int64)
     for row in range(rows):
-        component = group[row]
+        parent = np.arange(width)
         for j in range(width):
-            component[j] = j
             for i in range(j):
-                if component[i] == component[j]:
-                    continue
                 first, second = min(patches[row, i], patches[row, j]), max(patches[row, i], patches[row, j])
-                touch = first == second
-                if not touch:
+                if find_root(parent, i) != find_root(parent, j):
                     code = first * count + second
                     at = np.searchsorted(pairs, code)
-                    touch = at < len(pairs) and pairs[at] == code
-                if touch:
-                    low, high = min(component[i], component[j]), max(component[i], component[j])
-                    for m in range(j + 1):
-                        if component[m] == high:
-                            component[m] = low
+                    if first == second or (at < len(pairs) and pairs[at] == code):
+                        unite(parent, i, j)
+        for j in range(width):
+            group[row, j] = find_root(parent, j)
     return group
 
 

@@ -128,7 +128,7 @@ def parts_on_surface(
             parts.insert(0, _rim_passage(triangulation, search, points[first], points[first - 1]))
         if last < len(off):
             parts.append(_rim_passage(triangulation, search, points[last - 1], points[last]))
-        runs.append((Projections.concatenate(parts), False))
+        runs.append((Projections.join(parts), False))
     return runs
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from cpmkit.grid.lattice import cell_levels
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.source import Rows
 from cpmkit.manifold.vector_algebra import dots, in_three_dimensions, norms
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import Polyline, chain_segments
@@ -21,22 +22,13 @@ from cpmkit.types import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
-class Projections:
+class Projections(Rows):
     """Projections of points onto triangles, sorted by point and then by distance."""
 
     point: Ints  #: (k,): the row of the projected point.
     cell: Ints  #: (k,): the triangle on which the projection lies.
     shares: Floats  #: (k, 3): barycentric coordinates of the projection in this triangle; zeros are exact on edges.
     distance: Floats  #: (k,): distance between the point and its projection.
-
-    def take(self, rows: Ints | Bools) -> Projections:
-        """Return the projections at ``rows``, integers or a mask."""
-        return Projections(self.point[rows], self.cell[rows], self.shares[rows], self.distance[rows])
-
-    @classmethod
-    def concatenate(cls, parts: list[Projections]) -> Projections:
-        """Return the projections of all ``parts``, one part after the other."""
-        return cls(*(np.concatenate([getattr(part, column.name) for part in parts]) for column in fields(cls)))
 
     def positions(self, triangulation: SplitTriangulation) -> Floats:
         """Return the positions (k, 3) of the projections on the original triangles of a triangulation."""

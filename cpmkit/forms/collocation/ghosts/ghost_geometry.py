@@ -7,14 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.errors import InputError, ResolutionError
+from cpmkit.errors import ResolutionError
 from cpmkit.forms.collocation.row_formula import ExtraPoint, RowFormula, extrapolation_weights
 from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import nearest_points_on_sheet
 from cpmkit.scene.conditions import Condition, same_condition
-from cpmkit.scene.laws import Law, Mixed, OneSided, Value, beta_at
+from cpmkit.scene.laws import Law, OneSided, Value
 from cpmkit.types import Bools, Floats, Ints
 
 #: Data that jump across a boundary are read at least this share of the spacing away from it, on their side.
@@ -67,17 +67,6 @@ def coefficient_and_factor(
         )
     coefficient = np.where(first_order, alpha / first, (alpha - 0.5 * beta * s) / second)
     return coefficient, np.where(first_order, t / first, s / second)
-
-
-def checked_beta(law: OneSided, kind: str, points: Floats, label: str) -> Floats:
-    """Return beta (n,) of the ``law`` of a condition of this ``kind`` at ``points`` (n, d) of a boundary or edge.
-
-    Raises InputError, naming it ``label``, if the law is mixed and beta is zero at all points.
-    """
-    beta = beta_at(law, points, label)
-    if isinstance(law, Mixed) and len(points) and not beta.any():
-        raise InputError(f"beta of {kind.capitalize()} of {label} is zero at all {len(points)} points; use Neumann.")
-    return beta
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,6 @@ import numpy as np
 from cpmkit.forms.collocation.ghosts.ghost_geometry import (
     SIDE_READING_SPACINGS,
     GhostGeometry,
-    checked_beta,
     coefficient_and_factor,
     ghost_sources,
 )
@@ -33,7 +32,7 @@ from cpmkit.forms.collocation.side_view import (
 )
 from cpmkit.grid.band import Band, reading_radius
 from cpmkit.grid.lattice import Lattice
-from cpmkit.scene.laws import Interface
+from cpmkit.scene.laws import Interface, checked_beta
 from cpmkit.types import Bools, Floats, Ints
 
 
@@ -56,11 +55,6 @@ class Ghosts:
     def nodes(self) -> Ints:
         """(g,) the numbers of the ghosts' nodes in the band."""
         return self.geometry.seen.rows
-
-    @property
-    def director(self) -> Floats:
-        """(g, d) the directors D of the nodes; those of the ghosts are -D."""
-        return self.geometry.seen.director
 
     @property
     def continues_left(self) -> Bools:

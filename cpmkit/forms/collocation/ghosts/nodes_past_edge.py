@@ -25,7 +25,6 @@ import numpy as np
 
 from cpmkit.forms.collocation.ghosts.ghost_geometry import (
     ALONGSIDE_COSINE,
-    checked_beta,
     coefficient_and_factor,
     mirror_distance,
 )
@@ -34,11 +33,11 @@ from cpmkit.forms.collocation.side_view import ON_BOUNDARY_SPACINGS, BoundaryOnL
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.source import ClosestPoints
+from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import nearest_points_on_sheet, outward_conormals, unit_normals
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.scene.edge_conditions import EdgeConditions, conditions_of_edge, edge_condition
-from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at
+from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at, checked_beta
 from cpmkit.types import Bools, Floats, Ints
 
 #: Points on the sides of a corner are found from points this many spacings from it, in either direction along the rim.
@@ -55,7 +54,7 @@ LEAST_SINGULAR_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class RimCorners:
+class RimCorners(Rows):
     """Nodes whose closest points are corners of a rim."""
 
     rows: Ints  #: (k,): numbers of the nodes.
@@ -63,10 +62,6 @@ class RimCorners:
     loops: Ints  #: (k, s): the loops of the edge that these points are on.
     #: (k, s): how far the node is beyond each side: times the conormals they sum up to its offset from the corner.
     beyond: Floats
-
-    def take(self, chosen: Bools) -> RimCorners:
-        """Return the records of the nodes that the mask ``chosen`` (k,) marks."""
-        return RimCorners(self.rows[chosen], self.points[chosen], self.loops[chosen], self.beyond[chosen])
 
 
 def rim_corners(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError, place
+from cpmkit.errors import InputError
 from cpmkit.forms.collocation.ghosts.ghost_geometry import GhostGeometry, is_beyond_other_boundary, points_at_two_steps
 from cpmkit.forms.collocation.row_formula import BoundaryData, ExtraPoint, extrapolation_weights
 from cpmkit.forms.collocation.side_view import SideView
@@ -21,17 +21,13 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.diffusivities import SAME_MATERIAL_LOG_RATIO, check_conductivity
 from cpmkit.scene.laws import Interface
 from cpmkit.types import Bools, Floats, Ints
 
 #: A diffusivity is read at these distances from the boundary, in spacings: a curve that is snapped to the surface
 #: is nearer than that to the place where the materials meet.
 READ_BESIDE_SPACINGS = (0.25, 0.5)
-#: Two readings whose logarithms differ by less are of one material, and are extrapolated to the boundary.
-SAME_MATERIAL_LOG_RATIO = 0.4
-#: A condition's conductivity may differ from the problem's diffusivity by this share of it, and by more at this share
-#: of the boundary's points, which may be misread where it meets other boundaries.
-DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,15 +193,7 @@ def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view
         conductivity = _boundary_conductivity(data, side_view, sign, lattice)
         accepted = [_conductivity(diffusivity, side_view, sign * share, lattice) for share in READ_BESIDE_SPACINGS]
         accepted.append(_boundary_conductivity(diffusivity, side_view, sign, lattice))
-        mismatch = np.min([np.abs(conductivity / values - 1) for values in accepted], axis=0)
-        if np.mean(mismatch > DIFFUSIVITY_MISMATCH_SHARE) <= MISREAD_POINTS_SHARE:
-            continue
-        worst = int(mismatch.argmax())
-        where = place(lattice.to_scene(side_view.foot[[worst]])[0])
-        raise SceneError(
-            f"{name} gives the conductivity {conductivity[worst]:.4g} on its {side} near {where}, where the problem's "
-            f"diffusivity is {accepted[-1][worst]:.4g}; leave `{side}` out, or give the problem that diffusivity."
-        )
+        check_conductivity(name, side, conductivity, accepted, lattice.to_scene(side_view.foot))
 
 
 def _boundary_conductivity(data: Data, side_view: SideView, sign: float, lattice: Lattice) -> Floats:

@@ -6,14 +6,16 @@ A facet is an edge of a triangle or an end of a segment; a conormal is tangent t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.manifold.source import Rows
 from cpmkit.manifold.vector_algebra import dots, normal_frames, norms, unit
 from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.subdivision import expand_counts
 from cpmkit.types import Bools, Floats, Ints
 
 #: A triangle whose height over an edge is below this share of the edge is a sliver: a curved edge deviates by more than
@@ -70,10 +72,9 @@ def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats)
     starts = np.searchsorted(corners.ravel()[order], np.arange(corners.max() + 2))
     row, vertex = np.repeat(np.arange(len(at)), at.shape[1]), at.ravel()
     for _ in range(2):
-        counts = np.diff(starts)[vertex]
-        first = np.repeat(starts[vertex] - np.cumsum(counts) + counts, counts)
-        cell = order[first + np.arange(len(first))] // 3
-        near, cell = np.unique(np.stack([np.repeat(row, counts), cell]), axis=1)
+        each, rank = expand_counts(np.diff(starts)[vertex])
+        cell = order[starts[vertex[each]] + rank] // 3
+        near, cell = np.unique(np.stack([row[each], cell]), axis=1)
         row, vertex = np.repeat(near, 3), corners[cell].ravel()
     row = near
     corner = mesh.vertices[mesh.cells[cell]]
@@ -159,7 +160,7 @@ def _select_corner(values: Floats, which: Ints) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundarySamples:
+class BoundarySamples(Rows):
     """Points at which conditions are imposed: `POINTS_OF_EDGE` on an edge, one at an end or a point of a surface.
 
     A facet has these samples once for each cell beside it, at the same points and in the same order along the facet.
@@ -180,9 +181,6 @@ class BoundarySamples:
     owner: Ints  #: (b,): the number of the boundary; -1 on rims where no boundary lies, and on creases and junctions.
     beyond_tip: Bools  #: (b,): whether the facet lies on the continuation of its boundary past a tip.
 
-    def __len__(self) -> int:
-        return len(self.points)
-
     @property
     def on_rim(self) -> Bools:
         """(b,) whether a sample is on the rim, where no boundary lies."""
@@ -192,10 +190,6 @@ class BoundarySamples:
     def on_tie(self) -> Bools:
         """(b,) whether u is continuous across the facet: on creases, junctions, and boundaries past their tips."""
         return np.asarray(self.beyond_tip | ((self.owner < 0) & (self.facet >= 0)))
-
-    def take(self, index: Ints | Bools) -> BoundarySamples:
-        """Return the samples with the numbers ``index`` (k,), or where the booleans ``index`` (b,) are true."""
-        return BoundarySamples(*[getattr(self, field.name)[index] for field in fields(self)])
 
     @property
     def as_samples(self) -> Samples:
@@ -233,10 +227,7 @@ def boundary_samples(
         owner[rows],
         beyond_tip[rows],
     )
-    if not points:
-        return samples
-    parts, names = (samples, _vertex_samples(mesh, corners, points)), [field.name for field in fields(BoundarySamples)]
-    return BoundarySamples(*[np.concatenate([getattr(part, name) for part in parts]) for name in names])
+    return BoundarySamples.join([samples, _vertex_samples(mesh, corners, points)]) if points else samples
 
 
 def _vertex_samples(mesh: Mesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:

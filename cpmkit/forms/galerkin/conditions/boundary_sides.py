@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError, place
+from cpmkit.errors import InputError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.space.energy import mean_over_tangents
 from cpmkit.grid.lattice import Lattice
@@ -22,7 +22,7 @@ from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.diffusivities import evaluate_diffusivity
+from cpmkit.scene.diffusivities import SAME_MATERIAL_LOG_RATIO, check_conductivity, evaluate_diffusivity
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.types import Bools, Floats, Ints
 
@@ -151,14 +151,9 @@ WIDE_SHARE = 0.89
 #: Data are evaluated at this distance from the boundary inside their side, in widths, and at twice this distance: a
 #: boundary that was moved to the surface is nearer than that to the interface of materials.
 READ_INSIDE_WIDTHS = 0.25
-#: Two values whose logarithms differ by less belong to the same material, and are extrapolated to the boundary.
-SAME_MATERIAL_LOG_RATIO = 0.4
 #: A value whose logarithm differs by more from the mean nearby belongs to another zone: both values may do so in a
 #: sliver that a boundary cuts off beside an edge of the mesh.
 OTHER_ZONE_LOG_RATIO = 2.0
-#: A prescribed conductivity may differ by this share from the problem's diffusivity, and by more at this share of the
-#: points of a boundary: near other boundaries it may be evaluated in the wrong zone.
-DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
 
 
 def local_widths(
@@ -276,13 +271,6 @@ class OneSidedLimits:
         Raises SceneError if it differs by more than 1 % from the diffusivity, exp of :attr:`around`, at more than a
         tenth of the samples, and InputError if it is not positive.
         """
-        prescribed, a = self.value(data, f"a conductivity of {label}"), np.exp(self.around)
-        off = np.abs(prescribed / a - 1)
-        if np.mean(off > DIFFUSIVITY_MISMATCH_SHARE) > MISREAD_POINTS_SHARE:
-            worst = int(off.argmax())
-            where = place(self.lattice.to_scene(self.samples.points[[worst]])[0])
-            raise SceneError(
-                f"{label} gives the conductivity {prescribed[worst]:.4g} on its {side} near {where}, where the "
-                f"problem's diffusivity is {a[worst]:.4g}; leave `{side}` out, or give the problem that diffusivity."
-            )
+        prescribed, points = self.value(data, f"a conductivity of {label}"), self.lattice.to_scene(self.samples.points)
+        check_conductivity(label, side, prescribed, [np.exp(self.around)], points)
         return prescribed

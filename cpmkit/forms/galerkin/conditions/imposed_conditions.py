@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError, place
+from cpmkit.errors import SceneError, place
 from cpmkit.forms.galerkin.conditions.boundary_samples import POINTS_OF_EDGE, BoundarySamples
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
@@ -17,7 +16,7 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.edge_conditions import check_parts_used, conditions_along
-from cpmkit.scene.laws import Flux, Mixed, Value, beta_at
+from cpmkit.scene.laws import Mixed, Value, checked_beta
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Bools, Floats, Ints
@@ -113,12 +112,7 @@ def imposed_conditions(
     ]
     conditions += tie_conditions(samples)
     for condition in conditions_with_law(conditions, Mixed):
-        points = lattice.to_scene(samples.points[condition.rows])
-        if not np.any(beta_at(condition.law, points, condition.label)):
-            raise InputError(
-                f"beta of {condition.kind.capitalize()} of {condition.label} is zero at all {len(points)} points; use "
-                "Neumann."
-            )
+        checked_beta(condition.law, condition.kind, lattice.to_scene(samples.points[condition.rows]), condition.label)
     return tuple(conditions)
 
 
@@ -279,12 +273,4 @@ class StateFluxSamples:
 
     def linearise(self, seen: Floats) -> ImposedCondition:
         """Return the condition ``du/db = j(v) + j'(v) (u - v)``, v = ``seen`` (k,); a flux unless :meth:`grows`."""
-        slope = self.condition.law.slope_at(seen, self.points)
-        datum = partial(_known_values, self.condition.law.flux_at(seen, self.points) - slope * seen)
-        law = Mixed(1.0, partial(_known_values, -slope), datum) if self.grows(seen) else Flux(datum)
-        return replace(self.condition, law=law)
-
-
-def _known_values(values: Floats, _points: Floats) -> Floats:
-    """Return ``values`` (k,), whatever the points: with values bound these are data at k given samples only."""
-    return values
+        return replace(self.condition, law=self.condition.law.tangent(seen, self.points, self.grows(seen)))
