@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.manifold.source import ClosestPointSource, Rows
 from cpmkit.manifold.vector_algebra import normal_frames, norms, unit
 from cpmkit.mesh.adjacency import rim_of_edges
 from cpmkit.mesh.mesh import CellGeometry, Mesh
@@ -49,7 +49,7 @@ TRIANGLES_AT_ONCE = 1 << 11
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class Samples(Rows):
     """Quadrature points of the manifold, over which every integral is summed."""
 
     points: Floats  #: (q, d): positions relative to the lattice's origin.
@@ -61,9 +61,6 @@ class Samples:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cell", np.ascontiguousarray(self.cell, dtype=np.int32))
-
-    def __len__(self) -> int:
-        return len(self.points)
 
     def points_at(self, rows: slice | Ints) -> Floats:
         """Return the points (..., d) of the samples ``rows`` (...)."""

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
+from cpmkit.manifold.vector_algebra import in_three_dimensions
 from cpmkit.runtime.messages import install_command
 from cpmkit.scenefile.look import VERTICES, check_one_of
 from cpmkit.solution.display_mesh import DisplayMesh, given_mesh_of
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 from cpmkit.view.colours import as_bytes, make_bar
-from cpmkit.view.drawing import points_in_space
 
 
 def write_vtp(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
@@ -41,7 +41,7 @@ def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
     colours = ("red", "green", "blue")
     kinds = [*((name, "<f8") for name in names), *((name, "u1") for name in colours)]
     points = np.zeros(len(mesh.points), dtype=kinds)
-    for name, column in zip("xyz", points_in_space(mesh.points).T, strict=True):
+    for name, column in zip("xyz", in_three_dimensions(mesh.points).T, strict=True):
         points[name] = column
     for name, column in columns.items():
         points[name] = column
@@ -60,7 +60,7 @@ def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 def write_obj(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> None:
     """Write an OBJ file: vertices with their colours, triangles and segments; values and error are left out."""
-    rows = np.hstack([points_in_space(mesh.points), colours_of(mesh)])
+    rows = np.hstack([in_three_dimensions(mesh.points), colours_of(mesh)])
     lines = [f"v {x!r} {y!r} {z!r} {r:.4f} {g:.4f} {b:.4f}" for x, y, z, r, g, b in rows.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]
     lines += [f"l {a} {b}" for a, b in (mesh.segments + 1).tolist()]
@@ -129,7 +129,7 @@ def poly_data(mesh: DisplayMesh, error: Floats | None = None) -> Any:
     listed: dict[str, Any] = {
         name: np.insert(part, 0, part.shape[1], axis=1).ravel() for name, part in parts.items() if len(part)
     }
-    data = pyvista.PolyData(points_in_space(mesh.points), **listed)
+    data = pyvista.PolyData(in_three_dimensions(mesh.points), **listed)
     for name, array in {"u": mesh.values, "error": error}.items():
         if array is not None:
             data.point_data[name] = array[:, 0] if array.shape[1] == 1 else array
@@ -160,7 +160,7 @@ def to_pyvista(solution: SolutionRecord, vertices: str = "display") -> Any:
 def to_trimesh(solution: SolutionRecord, vertices: str = "display") -> Any:
     """Return the mesh ("display" or "own") as a ``trimesh.Trimesh`` with colours and ``u``, or ``u0``, ``u1``, ..."""
     trimesh, mesh = _library_and_mesh("trimesh", solution, vertices)
-    made = trimesh.Trimesh(points_in_space(mesh.points), mesh.triangles, process=False)
+    made = trimesh.Trimesh(in_three_dimensions(mesh.points), mesh.triangles, process=False)
     made.visual.vertex_colors = as_bytes(colours_of(mesh))
     made.vertex_attributes.update(value_columns(mesh))
     return made
@@ -179,7 +179,7 @@ def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str
     """Register the mesh ("display" or "own") with polyscope as ``name``, and return it; ``polyscope.show()`` draws."""
     polyscope, mesh = _library_and_mesh("polyscope", solution, vertices)
     polyscope.init()
-    made = polyscope.register_surface_mesh(name, points_in_space(mesh.points), mesh.triangles)
+    made = polyscope.register_surface_mesh(name, in_three_dimensions(mesh.points), mesh.triangles)
     for column, values in value_columns(mesh).items():
         made.add_scalar_quantity(column, values, enabled=mesh.values.shape[1] == 1)
     if mesh.values.shape[1] == 3:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.manifold.abilities import HasMesh
-from cpmkit.manifold.vector_algebra import unit
+from cpmkit.manifold.vector_algebra import in_three_dimensions, unit
 from cpmkit.mesh.mesh import Connectivity
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.display_mesh import DisplayMesh
@@ -233,7 +233,7 @@ def draw_mesh(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: in
     camera, curves, pins = fit_camera(solution, mesh, look, width)
     half = camera.half[0]
     normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals @ camera.axes.T
-    place = camera.project(points_in_space(mesh.points))
+    place = camera.project(in_three_dimensions(mesh.points))
     facing = normals[mesh.dots] if len(normals) else np.zeros((len(mesh.dots), 3))
     radii = disc_radii(mesh.points[mesh.dots], solution.spacing, STROKE_RADIUS * half, PIN_RADIUS * half)
     rims, fans = discs(place[mesh.dots], facing, radii)
@@ -255,11 +255,6 @@ def draw_mesh(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: in
     )
 
 
-def points_in_space(points: Floats) -> Floats:
-    """Return points (n, 2) of the plane as (n, 3) with z = 0, and points (n, 3) unchanged."""
-    return points if points.shape[1] == 3 else np.pad(points, ((0, 0), (0, 1)))
-
-
 def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int) -> tuple[Camera, Floats, Floats]:
     """Return the camera; segments (s, 2, 3), points (k, 3) in space of the boundaries, ties and twins of ``look``."""
     curves, pins = [np.zeros((0, 2, 3))], [np.zeros((0, 3))]
@@ -267,14 +262,14 @@ def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: i
         if isinstance(boundary.source, HasMesh):
             vertices, cells = boundary.source.mesh(solution.spacing)
             if cells.shape[1] == 2:
-                curves.append(points_in_space(vertices)[cells])
+                curves.append(in_three_dimensions(vertices)[cells])
             elif cells.shape[1] == 1:
-                pins.append(points_in_space(vertices))
+                pins.append(in_three_dimensions(vertices))
     if look.twins:
-        pins.append(points_in_space(solution.doubled))
+        pins.append(in_three_dimensions(solution.doubled))
     if look.ties:
         ends = solution.ties
-        places = points_in_space(ends.reshape(-1, ends.shape[2]))
+        places = in_three_dimensions(ends.reshape(-1, ends.shape[2]))
         if ends.shape[1] == 2:
             curves.append(places.reshape(-1, 2, 3))
         else:
@@ -340,7 +335,7 @@ def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Sh
         return Shapes.join([])
     lengths = 0.9 * cell * (0.45 + 0.55 * sizes[seeds] / sizes.max())
     along = 0.5 * (lengths / sizes[seeds])[:, None] * vectors[seeds]
-    starts, ends = (drawing.camera.project(points_in_space(mesh.points[seeds] + sign * along)) for sign in (-1, 1))
+    starts, ends = (drawing.camera.project(in_three_dimensions(mesh.points[seeds] + sign * along)) for sign in (-1, 1))
     colours = bar.ink_colours(sizes[seeds])
     shafts = line_shapes(drawing.camera, np.stack([starts, ends], axis=1), 0.0022, colours)
     ahead = 0.35 * lengths[:, None] * unit(ends - starts)

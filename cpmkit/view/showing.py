@@ -18,6 +18,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from cpmkit.errors import InputError
+from cpmkit.manifold.vector_algebra import in_three_dimensions
 from cpmkit.scenefile.look import Look, LookKeywords
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.frames import EvolvedRecord
@@ -25,7 +26,7 @@ from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 from cpmkit.view.colours import Bar
-from cpmkit.view.drawing import fit_camera, points_in_space
+from cpmkit.view.drawing import fit_camera
 from cpmkit.view.pictures import check_look, mode_bar, picture, render, shown_values
 
 
@@ -39,7 +40,7 @@ def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
     check_look(look)
     mesh, fields, bar = _slider_fields(solution, look)
     camera, curves, pins = fit_camera(solution, mesh, look, 800)  # only the ratio of the width to the height matters
-    points, curves, pins = (each - camera.centre for each in (points_in_space(mesh.points), curves, pins))
+    points, curves, pins = (each - camera.centre for each in (in_three_dimensions(mesh.points), curves, pins))
     every = np.concatenate([points, curves.reshape(-1, 3), pins])
     data = {
         "points": _as_base64(points, "<f4"),

@@ -61,11 +61,6 @@ class Layout:
         return Unknowns(self.band, self.ghosts)
 
     @property
-    def order(self) -> int:
-        """The order of accuracy of the conditions, 1 or 2."""
-        return self.options.own.order
-
-    @property
     def queries(self) -> Counter[str]:
         """The number of closest point queries so far, of the surface and of each boundary by name."""
         counts = Counter({"surface": self.surface.queries["points"]})
@@ -92,23 +87,20 @@ def build_layout(scene: Scene, options: Options[CollocationOptions], progress: P
         ghosts.append(build_ghosts(index, boundaries, band, lattice, formula, options.own.order))
         progress("boundaries", (index + 1) / len(scene.boundaries))
     sources = _sources_of_nodes(boundaries, band)
-    layout = Layout(options, lattice, surface, band, formula, sources, boundaries, ghosts, scene.channels)
     rims = find_rim_strips(boundaries.on_lattice, surface, band, lattice) + find_narrowest_gap(surface, band, lattice)
-    layout = replace(layout, rims=rims)
-    return _with_meetings(layout, scene.problem.start_time)
+    layout = Layout(options, lattice, surface, band, formula, sources, boundaries, ghosts, scene.channels, rims)
+    return replace_data(layout, scene)
 
 
 def replace_data(layout: Layout, scene: Scene) -> Layout:
-    """Return the layout with the data of ``scene``, which differs from the layout's scene only in equation and data."""
+    """Return the layout with the data of ``scene``, and the unresolved places where boundaries with these data meet.
+
+    ``scene`` differs from the layout's scene only in equation and data.
+    """
     boundaries = replace(layout.boundaries, definitions=scene.boundaries)
-    return _with_meetings(replace(layout, boundaries=boundaries, channels=scene.channels), scene.problem.start_time)
-
-
-def _with_meetings(layout: Layout, time: float | None) -> Layout:
-    """Return the layout with the unresolved places where boundaries meet; their data are compared at ``time``."""
-    boundaries, lattice, channels = layout.boundaries, layout.lattice, layout.channels
-    meetings = find_meetings(boundaries, lattice, channels, time)
-    return replace(layout, meetings=meetings + find_mixed_sides(boundaries, lattice, channels, time))
+    arguments = boundaries, layout.lattice, scene.channels, scene.problem.start_time
+    meetings = find_meetings(*arguments) + find_mixed_sides(*arguments)
+    return replace(layout, boundaries=boundaries, channels=scene.channels, meetings=meetings)
 
 
 def _boundaries_and_node_formulas(

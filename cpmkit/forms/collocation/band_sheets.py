@@ -12,7 +12,6 @@ of the boundary on the point's own sheet counts: whether there is one within rea
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,9 +126,11 @@ class Sheets:
         foreign = ~self._is_on_sheet(at.points[row], normals[row], site)
         row, column, site = row[foreign], column[foreign], site[foreign]
         replacement = np.full(len(row), -1)
-        for entry, twin in self._iterate_twins(site):
-            open_entry = (replacement[entry] < 0) & readable[twin]
-            entry, twin = entry[open_entry], twin[open_entry]
+        count = self.twin_counts(site)
+        for index in range(int(count.max(initial=0))):
+            entry = np.flatnonzero((count > index) & (replacement < 0))
+            twin = self.twins[self.first[site[entry]] + index]
+            entry, twin = entry[readable[twin]], twin[readable[twin]]
             on_sheet = self._is_on_sheet(at.points[row[entry]], normals[row[entry]], twin)
             replacement[entry[on_sheet]] = twin[on_sheet]
         selected[row, column] = np.where(replacement >= 0, replacement, site)
@@ -138,13 +139,6 @@ class Sheets:
     def _is_on_sheet(self, feet: Floats, normals: Floats, site: Ints) -> Bools:
         """Return whether (k,) each ``site`` (k,) is on the sheet of a surface point with normal, each (k, d)."""
         return same_sheet(feet, normals, self.feet.points[site], self.normals[site], self.spacing, self.signed)
-
-    def _iterate_twins(self, site: Ints) -> Iterator[tuple[Ints, Ints]]:
-        """Yield for j = 0, 1, ... the indices in ``site`` (k,) of the sites with over j twins, and their j-th twins."""
-        count = self.twin_counts(site)
-        for index in range(int(count.max(initial=0))):
-            entries = np.flatnonzero(count > index)
-            yield entries, self.twins[self.first[site[entries]] + index]
 
 
 #: Below this cosine of their normals, height does not decide whether two points are on one sheet, unless they are

@@ -176,8 +176,8 @@ def _difference_neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
     nodes = np.concatenate([np.arange(band.inner), *(group.nodes[: group.unknowns] for group in unknowns.ghosts)])
     neighbour = band.find(band.nodes[nodes][:, None] + cross_offsets(band.dim))
     seen = centres.take(unknowns.row_of_unknown)
-    at_nodes = replace(Centres.of_nodes(band, nodes), side_views=seen.side_views, owner=seen.owner)
-    columns = unknowns.select_rows(at_nodes, neighbour)
+    normals = None if band.sheets is None else band.sheets.normals[nodes]
+    columns = unknowns.select_rows(replace(seen, feet=band.feet.take(nodes), normals=normals), neighbour)
     return columns.astype(np.int32 if unknowns.rows <= np.iinfo(np.int32).max else np.int64)
 
 

@@ -218,7 +218,7 @@ class Collocation(Reader):
 
         None if there is none, any boundary has ghosts, or the layout is of order 1, whose means are too inexact.
         """
-        if self.tables.layout.order == 1:
+        if self.options.own.order == 1:
             return None
         count, piece = components_without_flux(self.tables, self.scene)
         return mean_matrix(self.tables, count, piece)[0] if count else None
@@ -266,7 +266,7 @@ class Collocation(Reader):
         """
         layout, sharp = self.tables.layout, self._has_sharp_bends
         return Diagnosis(
-            1.0 if sharp else float(min(layout.order, layout.band.degree - 1)),
+            1.0 if sharp else float(min(layout.options.own.order, layout.band.degree - 1)),
             "creases or sharp bends; the error may fall slowly" if sharp else "",
             " ".join(self._joint_warnings),
             sharp,

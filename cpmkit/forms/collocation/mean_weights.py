@@ -164,7 +164,7 @@ def describe_imbalances(
     The lowest order of the conditions, 1 or 2, decides how large an imbalance the spacing explains.
     """
     layout, described = tables.layout, []
-    order = min([layout.order, *(condition.order for condition in scene.conditions if condition.order)])
+    order = min([layout.options.own.order, *(condition.order for condition in scene.conditions if condition.order)])
     indicator = operator.border.indicator.toarray().T
     for imbalance, piece, size in zip(imbalances, indicator, _data_sizes(tables, scene, operator), strict=True):
         members = np.flatnonzero(piece)
@@ -262,7 +262,7 @@ def correct_means(tables: Discretization, scene: Scene, b: Floats, u: Floats) ->
             **_describe_place(tables, scene, on_component),
             shift=tuple((-defect[k] / terms.c).tolist()),
         )
-        if k in open_components and (imbalance.relative <= REPORTED_MEAN_SHARE or layout.order == 1):
+        if k in open_components and (imbalance.relative <= REPORTED_MEAN_SHARE or layout.options.own.order == 1):
             continue
         shift[k] = imbalance.shift
         corrected.append(imbalance)

@@ -38,12 +38,6 @@ class Centres:
         """Return the centres of stencils at the points of these records; no stencil belongs to a ghost."""
         return cls(side_views, np.full(len(feet), -1), feet)
 
-    @classmethod
-    def of_nodes(cls, band: Band, nodes: Ints) -> Centres:
-        """Return the centres of stencils at the closest points of ``nodes`` (n,), without side views of boundaries."""
-        n = None if band.sheets is None else band.sheets.normals[nodes]
-        return cls((), np.full(len(nodes), -1), band.feet.take(nodes), n)
-
     def take(self, rows: Ints) -> Centres:
         """Return the centres of the stencils ``rows`` (k,), ascending, renumbered from zero, with their side views."""
         side_views = []
@@ -148,7 +142,7 @@ class Unknowns:
         if not any(len(view.rows) for view in centres.side_views):
             return nodes
         touched = np.unique(np.concatenate([view.rows for view in centres.side_views]))
-        directors = [group.director for group in self.ghosts]
+        directors = [group.geometry.seen.director for group in self.ghosts]
         boundary, number = visible_ghosts(centres.take(touched), nodes[touched], numbers, directors)
         selected = nodes.copy()
         selected[touched] = np.where(boundary >= 0, first[boundary] + number, nodes[touched])

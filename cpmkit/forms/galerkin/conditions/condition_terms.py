@@ -281,7 +281,7 @@ def condition_terms(
     values, slopes = traces
     constrained = np.zeros(len(samples), dtype=bool)
     for condition in conditions:
-        constrained[condition.all_rows] |= condition.constrains_value
+        constrained[condition.all_rows] |= condition.law.involves_value or condition.law.couples
     spacing = np.broadcast_to(spacings, len(samples))
     widths = local_widths(values, integrals, samples, (left, ~left), spacing)
     limits = OneSidedLimits(samples, widths, (values @ logarithms) / (values @ integrals), lattice)

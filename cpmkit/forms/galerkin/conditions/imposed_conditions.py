@@ -59,11 +59,6 @@ class ImposedCondition:
     kind: str = ""  #: The name of the condition.
 
     @property
-    def constrains_value(self) -> bool:
-        """Whether the law constrains u itself or couples it to the other side, and not only du/db."""
-        return bool(self.law.involves_value or self.law.couples)
-
-    @property
     def rows(self) -> Ints:
         """The samples (k,) on the first side."""
         return self.sides[0]

@@ -32,11 +32,12 @@ from scipy.sparse import csr_array, diags_array, vstack
 from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.dof_map import DofMap, build_patches, dof_map_from_patches, unequal_pairs
 from cpmkit.forms.galerkin.options import Stabilisation
-from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among, shift_of
+from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, shift_of
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.levels import two_scale_rows, two_scale_shares
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
+from cpmkit.grid.lattice import find_codes
 from cpmkit.linear.multigrid.solver import Level
 from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.types import Bools, Floats, Ints, SparseMatrix
@@ -114,7 +115,7 @@ def _is_subdivided(cells: Ints, inside: Bools, regions: Regions, level: int) -> 
     """Return (p,) whether patches with the ``cells`` (p, d) of a level are subdivided; only those ``inside`` can be."""
     if level >= regions.finest:
         return np.zeros(len(cells), dtype=bool)
-    return inside & is_among(codes_of_cells(cells), regions.subdivided[level])
+    return inside & (find_codes(regions.subdivided[level], codes_of_cells(cells)) >= 0)
 
 
 def representations(levels: Sequence[LevelSplines], cap: int) -> list[SparseMatrix]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.solution_warnings import ends_inside
+from cpmkit.grid.lattice import find_codes
 from cpmkit.mesh.cell_quadrature import Samples, quadrature, triangles_to_clip
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import halve_long_edges
@@ -52,7 +53,7 @@ class Regions:
         for level, codes in enumerate(self.subdivided):
             steps = around * self.spacing / 2**level * signs
             near = [codes_of_cells(self.cells(points[rows] + step, level)) for step in steps]
-            rows = rows[np.any([is_among(displaced, codes) for displaced in near], axis=0)]
+            rows = rows[np.any([find_codes(codes, displaced) >= 0 for displaced in near], axis=0)]
             level_of_point[rows] = level + 1
         return level_of_point
 
@@ -94,14 +95,6 @@ def cells_of_codes(codes: Ints, dim: int) -> Ints:
     return np.asarray((codes[:, None] >> shifts & (2 * HALF - 1)) - HALF)
 
 
-def is_among(codes: Ints, ascending: Ints) -> Bools:
-    """Return (k,) whether each of the ``codes`` (k,) is one of the ``ascending`` codes (m,)."""
-    if not len(ascending):
-        return np.zeros(len(codes), dtype=bool)
-    place = np.minimum(np.searchsorted(ascending, codes), len(ascending) - 1)
-    return np.asarray(ascending[place] == codes)
-
-
 def with_neighbours(cells: Ints) -> Ints:
     """Return (m, d) the distinct ``cells`` (k, d) and all cells that share a corner with one of them."""
     dim = cells.shape[1]
@@ -133,7 +126,7 @@ def _is_long(mesh: Mesh, regions: Regions, near_codes: Ints, spacings: float) ->
     vertices, ends, lengths, longest = mesh.vertices, mesh.edges.ends, mesh.edge_lengths, spacings * regions.spacing
     long = lengths > longest * 0.5**regions.finest
     middles = vertices[ends[long]].mean(axis=1)
-    rows = np.flatnonzero(long)[is_among(codes_of_cells(regions.cells(middles, 0)), near_codes)]
+    rows = np.flatnonzero(long)[find_codes(near_codes, codes_of_cells(regions.cells(middles, 0))) >= 0]
     first, second = vertices[np.sort(ends[rows], axis=1)].transpose(1, 0, 2)
     level = np.zeros(len(rows), dtype=np.int64)
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
@@ -174,12 +167,9 @@ def graded_samples(
         _samples_of_level(mesh, np.flatnonzero(levels == level), regions, level, sampling, geometry)
         for level in range(regions.finest + 1)
     ]
-    order = np.argsort(np.concatenate([samples.cell for samples in by_level]), kind="stable")
-    arrays = []
-    for name in ("points", "weights", "normals", "cell"):
-        array = np.concatenate([getattr(samples, name) for samples in by_level])[order]
-        arrays.append(array if further is None else np.concatenate([array, getattr(further, name)]))
-    return Samples(*arrays)
+    samples = Samples.join(by_level)
+    samples = samples.take(np.argsort(samples.cell, kind="stable"))
+    return samples if further is None else Samples.join([samples, further])
 
 
 def _samples_of_level(
