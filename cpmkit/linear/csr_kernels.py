@@ -36,16 +36,6 @@ def _row_product(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> fl
 
 
 @compiled
-def fill_residual(
-    start: int, stop: int, pointers: Any, columns: Any, entries: Any, x: Floats, b: Floats, out: Floats
-) -> None:
-    """Fill rows ``start`` to ``stop`` - 1 of ``out`` with ``b - A x``, all (n, channels), A by its CSR arrays."""
-    for i in range(start, stop):
-        for m in range(x.shape[1]):
-            out[i, m] = b[i, m] - _row_product(pointers[i], pointers[i + 1], columns, entries, x[:, m])
-
-
-@compiled
 def add_step(
     start: int,
     stop: int,

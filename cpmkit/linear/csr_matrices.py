@@ -62,16 +62,13 @@ class UnsignedCsr:
 
     def residual(self, x: Floats, b: Floats) -> Floats:
         """Return ``b - A x`` (n, channels) for x (m, channels) and b (n, channels)."""
-        from cpmkit.linear.csr_kernels import fill_residual
-
-        out = np.empty_like(b)
-        self._run_on_parcels(fill_residual, x, b, out)
-        return out
+        return b - self.apply(x)
 
     def apply(self, x: Floats) -> Floats:
         """Return ``A x`` (n, channels) for x (m, channels)."""
-        out = self.residual(x, np.zeros((len(self), x.shape[1])))
-        return np.negative(out, out=out)
+        out = np.zeros((len(self), x.shape[1]))
+        self.add_product(out, x)
+        return out
 
     def add_step(self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats) -> Floats:
         """Return x + ``move``, after ``move`` is set to ``momentum move + factor D^-1 (b - A x)``, all (n, channels).
