@@ -147,7 +147,7 @@ def _cap(lowest: float) -> Draw:
 
 
 def _filter_draw(draw: Draw, keep: Callable[[Floats], Any]) -> Draw:
-    """Return a draw of points of another ``draw`` that ``keep`` accepts, at least one in eight."""
+    """Return a draw of those points of ``draw`` that ``keep`` accepts, which must be one in eight or more."""
 
     def some(rng: np.random.Generator, n: int) -> Floats:
         drawn = draw(rng, 64 + 8 * n)

@@ -32,7 +32,8 @@ class Crossings(NamedTuple):
 def find_crossings(cut: LevelCut) -> Crossings:
     """Return points of the cut, a few in each spacing, and its ends on the edge.
 
-    Raise InputError if the function does not change its sign on the manifold, or jumps over zero.
+    On a curve the points are exact, and none counts as an end. Raise InputError if the function is not finite, does
+    not change its sign on the manifold, or jumps over zero wherever it does.
     """
     seeds, values = sample_near_zero(cut)
     low, high = _opposite_neighbours(seeds.points, values, SIGN_CHANGE_SPACINGS * cut.spacing)
@@ -56,8 +57,8 @@ def find_crossings(cut: LevelCut) -> Crossings:
 def sample_near_zero(cut: LevelCut) -> tuple[ClosestPoints, Floats]:
     """Return closest points that sample the manifold near the function's zeros, and the function's values (n,) there.
 
-    Samples are a spacing apart. Blocks that the manifold does not meet, and blocks where the function's value exceeds
-    its estimated variation over the block, are discarded. Raise InputError if none remains.
+    Samples are a spacing apart. Blocks of space that the manifold does not meet, and blocks where the function's value
+    exceeds its estimated variation over the block, are discarded. Raise InputError if none remains.
     """
     dim, spacing = cut.surface.dim, cut.spacing
     children = np.stack(np.meshgrid(*[np.arange(2)] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
@@ -86,7 +87,7 @@ def find_zeros(
     """Return zeros on the manifold between points a and b (n, d), with values ``low`` <= 0 < ``high`` there (n,).
 
     The path from a to b consists of the feet of the straight line, moved by ``past`` (n, d) if it is given; ``rounds``
-    is the largest number of iterations. Paths that jump from one sheet to another without a zero are omitted.
+    is the largest number of iterations. Paths that jump from one sheet to another without a zero have no row.
     """
     offset = np.zeros_like(a) if past is None else past
 
@@ -127,7 +128,7 @@ def find_bracketed_zeros(function: Callable[[Floats, Ints], Floats], low: Floats
 def _opposite_neighbours(points: Floats, values: Floats, reach: float) -> tuple[Ints, Ints]:
     """Return rows (k,) and (k,) of pairs of ``points`` (n, d) with ``values`` <= 0 and > 0 within ``reach``.
 
-    Each point is paired with the nearest point of opposite sign.
+    Each point is paired with the nearest point of opposite sign, if that is within ``reach``; no pair occurs twice.
     """
     from scipy.spatial import cKDTree
 
@@ -170,7 +171,7 @@ def select_apart(points: Floats, distance: float) -> Bools:
 
 
 def _no_crossing_message(cut: LevelCut, feet: ClosestPoints, values: Any) -> str:
-    """Return the error sentence for a function of one sign, with the least of its ``values`` (n,) at ``feet``."""
+    """Return the error sentence for a function of one sign, with the one of its ``values`` (n,) nearest to zero."""
     nearest = np.argmin(np.abs(values))
     place = (feet.points[nearest] + cut.phi.origin).tolist()
     label, side = cut.phi.label, "above" if values[nearest] > 0 else "at or below"

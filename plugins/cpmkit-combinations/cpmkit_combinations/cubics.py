@@ -132,9 +132,10 @@ class Cubics:
         return rows, nodes
 
     def _foot_parameters(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
-        """Return s (n,) of a nearest point to ``x`` (n, d) on the cubics ``segment`` (n,), and the distances (n,).
+        """Return s (n,) of local minima of the distance from ``x`` (n, d) on cubics ``segment`` (n,), and distances.
 
-        Newton's method in a bracket around the nearest of a few points finds it.
+        Newton's method in a bracket around the nearest of five points finds it: the nearest point, unless the cubic
+        bends back between these.
         """
         shares = np.linspace(0.0, 1.0, NEWTON_STARTS + 1)
         s = shares[np.argmin([norms(self.evaluate(segment, np.full(len(x), share)) - x) for share in shares], axis=0)]

@@ -67,7 +67,7 @@ class TracedCurve:
 
     @property
     def left_of(self) -> Floats:
-        """(d,) a point on the left of the curve, where the function of the cut is positive."""
+        """(d,) a point to the left of the middle of the first piece, along the conormal to where phi is positive."""
         first = self.pieces[0]
         distance = LEFT_OF_OFFSET_SHARE * float(np.ptp(self.bounds, axis=0).max())
         middle = len(first.points) // 2
@@ -105,7 +105,7 @@ class TracedCurve:
         return self._cubics.piece[_location(feet)[0]]
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) on the curve, all knots among them, and segments (m, 2) no longer than ``spacing``."""
+        """Return vertices (v, d) on the curve, all knots among them, and segments (m, 2) up to about ``spacing``."""
         parts = np.maximum(np.ceil(self._cubics.lengths / positive(spacing, "spacing")), 1).astype(np.int64)
         count = int(parts.sum())
         element = np.repeat(np.arange(len(parts)), parts)

@@ -27,9 +27,9 @@ def plane_cut(
 ) -> ClosestPointSource:
     """Return the intersection of a surface, or of a curve, with a plane (in 2D a line).
 
-    A triangle mesh is cut edge by edge. The plane may pass through vertices, along edges, or contain faces, whose
+    A triangle mesh is cut edge by edge. The plane may pass through its vertices, along edges, or contain faces, whose
     outline is then the cut. Raise InputError if an argument is not accepted, or the plane misses the surface, only
-    touches it, or cuts it in a curve that branches.
+    touches it, or cuts it in a curve that branches or is too small or too sharply curved for the samples.
 
     Parameters
     ----------
@@ -39,8 +39,9 @@ def plane_cut(
         A point of the plane, and its normal, of any length. It points to the left of the cut of a surface; the left of
         points on a curve is where the curve comes from.
     resolution : int, optional
-        Number of samples along the largest side of the surface, by default 128 (1024 on a curve). Pieces of the cut
-        smaller than a few samples may be missed, and parts nearer than that refused.
+        Number of samples along the largest side of the surface, at least 8, by default 128 (1024 on a curve). Pieces
+        of the cut smaller than a few samples may be missed, and parts nearer than that refused. A triangle mesh needs
+        no samples and ignores it.
 
     Examples
     --------
@@ -78,8 +79,9 @@ def _section_by_source(surface: Any, point: Floats, normal: Floats) -> ClosestPo
 def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | None = None) -> TracedCurve | PointSet:
     """Return the points of a surface, or of a curve, at which a function vanishes and changes its sign.
 
-    Raise InputError if an argument is not accepted, or phi keeps its sign on the surface, or vanishes on a curve that
-    branches.
+    Raise InputError if an argument is not accepted, or phi is not finite on the surface, keeps its sign, jumps over
+    zero, vanishes on a curve that branches or is too small or too sharply curved for the samples, or only touches zero
+    somewhere on a curve.
 
     Parameters
     ----------
@@ -90,7 +92,7 @@ def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | Non
         the surface, smooth where it vanishes. The left of the cut of a surface is where it is positive; the left of
         points on a curve is where the curve comes from.
     resolution : int, optional
-        As for :func:`plane_cut`.
+        As for :func:`plane_cut`, also on a triangle mesh.
 
     Examples
     --------
@@ -126,7 +128,10 @@ def level_cut(surface: ClosestPointSource, function: Any, label: str, resolution
 
 
 def _cut_points(cut: LevelCut) -> PointSet:
-    """Return the zeros on a curve, in lexicographic order; raise InputError where the function only touches zero."""
+    """Return the zeros on a curve, in lexicographic order.
+
+    Raise InputError where the function only touches zero, and as :func:`find_crossings`.
+    """
     feet = find_crossings(cut).inside
     _, _, share = cut.directions(feet)
     if (share < TOUCHING_SLOPE_SHARE).any():

@@ -67,7 +67,7 @@ class PositionFunction:
     def __call__(self, y: Floats) -> Floats:
         """Return the values (n,) at points (n, d) relative to the origin.
 
-        Raise InputError if the function fails, or does not return one finite number a point.
+        Raise InputError if a value is not finite, and as :meth:`values_unchecked`.
         """
         values = self.values_unchecked(y)
         bad = np.flatnonzero(~np.isfinite(values))
@@ -81,7 +81,8 @@ class PositionFunction:
     def values_unchecked(self, y: Floats) -> Floats:
         """Return the values (n,) at points ``y`` (n, d) relative to the origin, which may be NaN or infinite.
 
-        Raise InputError if the function raises TypeError or ValueError, or returns another shape.
+        A single number holds at all points. Raise InputError if the function raises TypeError or ValueError, or returns
+        another shape.
         """
         try:
             if isinstance(self.function, PlaneDistance):
@@ -94,7 +95,10 @@ class PositionFunction:
         return np.broadcast_to(values, (len(y),)).copy()
 
     def gradient(self, y: Floats, step: float) -> Floats:
-        """Return gradients (n, d) at ``y`` (n, d) relative to the origin, by differences of 4th order in ``step``."""
+        """Return gradients (n, d) at ``y`` (n, d) relative to the origin, by differences of 4th order in ``step``.
+
+        That of a plane's distance is exact. NaN where a difference is not finite.
+        """
         if isinstance(self.function, PlaneDistance):
             return np.tile(self.function.normal, (len(y), 1))
         n, dim = y.shape
@@ -128,7 +132,8 @@ def plane_distance(point: Any, normal: Any, dim: int) -> PlaneDistance:
 def position_function(function: Any, dim: int, label: str) -> Callable[[Floats], Any]:
     """Return ``function`` if it is callable, or the formula in the string ``function``; ``label`` is for messages.
 
-    ``dim`` is that of the space. Raise InputError if it is neither, or the formula depends on t.
+    ``dim`` is that of the space. Raise InputError if ``function`` is neither, or a string that is no formula of
+    position, such as one that depends on t.
     """
     if isinstance(function, str):
         formula = Expression(function, dim)
@@ -203,11 +208,11 @@ class LevelCut:
         return self.surface.closest_point(y), (value == 0) | (length <= tolerance)
 
     def directions(self, feet: ClosestPoints) -> tuple[Floats, Floats, Floats]:
-        """Return unit tangents, unit conormals towards phi > 0, and phi's surface gradient at points of the cut.
+        """Return unit tangents (n, d), unit conormals (n, d) towards phi > 0, and a share (n,), at points of the cut.
 
-        Tangents and conormals are (n, d); tangents have arbitrary signs, and are zero at points on a curve. Of the
-        surface gradient the length (n,) over that of the gradient in space is returned: it vanishes where the cut
-        branches or only touches.
+        Tangents point so that phi > 0 is on the left, on surfaces without normals to either side; at points on a curve
+        they are zero. The share is the length of phi's gradient along the manifold over that in space: it vanishes
+        where the cut branches or only touches.
         """
         step = CUT_DIFFERENCE_SHARE * self.size
         edge = np.flatnonzero(feet.edge >= 0)

@@ -131,8 +131,8 @@ class Moved(Wrapper):
 def moved_source(*, of: ClosestPointSource, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Any:
     """Return the points ``translation + scale * rotation @ x`` for x on a source, with the source's abilities.
 
-    Raise InputError if ``of`` is no source, the matrix is not a proper rotation, a length is wrong or the scale is not
-    above zero.
+    Reading a mesh as flat triangles is not among them. Raise InputError if ``of`` is no source, the rotation is none
+    of the forms below or not proper, the translation has another length than d, or the scale is not above zero.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ def fill_area(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
     """Return vertices (v, 2) and triangles (m, 3), with edges of about ``spacing``, that fill a plane area.
 
     They are the triangles, counterclockwise, of a square lattice with a corner inside; corners outside are moved to the
-    edge.
+    edge, and triangles that have no positive area then are dropped.
     """
     lower, upper = np.asarray(area.bounds, dtype=np.float64)
     points, triangles = rectangle(lower, upper, spacing)
@@ -136,7 +136,8 @@ def fill_area(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
 def solid(*, of: ClosestPointSource) -> Any:
     """Return the inside of a closed hypersurface: a disc, a polygon, a ball, the inside of a mesh.
 
-    Raise InputError if ``of`` is of another dimension, has no normals, or is open.
+    Raise InputError if ``of`` is no source or of another dimension, has no normals (in the plane: and no tangents), or
+    is open at the closest point of one of the points of a lattice around it.
 
     Parameters
     ----------
@@ -161,7 +162,7 @@ def solid(*, of: ClosestPointSource) -> Any:
 def _outward_sign(part: ClosestPointSource) -> float:
     """Return 1.0 if the normals of the closed hypersurface ``part`` point outwards, else -1.0.
 
-    Raise InputError if it is no closed hypersurface with normals.
+    Raise InputError if it is no closed hypersurface with normals, or in the plane with tangents.
     """
     if part.manifold_dim != part.dim - 1:
         raise InputError(

@@ -47,7 +47,10 @@ class Knots:
     deviation: float = 0.0
 
     def cubics(self) -> Floats:
-        """Return the coefficients (m, 4, d), of 1, s, s^2 and s^3, of the cubics between consecutive knots."""
+        """Return the coefficients (m, 4, d), of 1, s, s^2 and s^3, of the cubics from each knot to the next.
+
+        There are as many as knots, of an open piece one less.
+        """
         following = np.roll(np.arange(len(self.points)), -1)[: None if self.closed else -1]
         starts = slice(None) if self.closed else slice(0, -1)
         p, t = self.points, self.tangents
@@ -57,8 +60,8 @@ class Knots:
 def trace_cut(cut: LevelCut) -> list[Knots]:
     """Return the connected pieces of the zero set of ``cut`` on a surface as knots, the longest first.
 
-    Raise InputError if there is none, or it cannot be traced: where it branches, touches itself, or is too small for
-    the spacing.
+    Pieces smaller than a few spacings may be missed. Raise InputError as :func:`find_crossings`, and if the zero set
+    cannot be traced: where it branches, touches itself, bends sharply, or is too near to another part of itself.
     """
     crossings = find_crossings(cut)
     inside, converged = cut.project_onto_cut(_thin_out(crossings.inside, 0.5 * cut.spacing))
@@ -91,9 +94,11 @@ def _rows_far_from(points: Floats, others: Floats, distance: float) -> Ints:
 
 
 def _check_chains(cut: LevelCut, feet: ClosestPoints, share: Floats, pieces: list[Chain]) -> list[Chain]:
-    """Return the chains of two points or more; ``share`` (n,) is phi's surface gradient over that in space at ``feet``.
+    """Return the chains ``pieces`` of two points or more: single points within a spacing of these are left out.
 
-    Isolated points near others are left out. Raise InputError if an open chain does not end on the surface's edge.
+    ``share`` (n,) is the length of phi's gradient along the surface over that in space, at ``feet``. Raise InputError
+    if an open chain does not end on the surface's edge, a closed one has fewer than four points, or a single point is
+    far from all chains.
     """
     from scipy.spatial import cKDTree
 
@@ -115,7 +120,7 @@ def _check_chains(cut: LevelCut, feet: ClosestPoints, share: Floats, pieces: lis
 
 
 def _lost_message(cut: LevelCut, point: Floats, branches: bool) -> str:
-    """Return the error sentence for a cut that cannot be traced near ``point`` (d,), or ``branches`` there."""
+    """Return the error sentence for a cut lost near ``point`` (d,): it ``branches`` there, else samples are too few."""
     label, place = cut.phi.label, np.round(point + cut.phi.origin, 6).tolist()
     if branches:
         return (
@@ -131,9 +136,10 @@ def _lost_message(cut: LevelCut, point: Floats, branches: bool) -> str:
 def _evenly_spaced_knots(
     cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormals: Floats, piece: Chain
 ) -> Knots:
-    """Return knots about ``cut.spacing`` apart on one chain, projected onto the cut, with phi > 0 on the left.
+    """Return knots about ``cut.spacing`` apart on one chain, projected onto the cut, as :func:`_orient_knots` directs.
 
-    ``tangents`` and ``conormals`` (n, d) are those at ``feet``. Raise InputError if a projection does not converge.
+    A closed chain gets at least 8, an open one 3. ``tangents`` and ``conormals`` (n, d) are those at ``feet``. Raise
+    InputError if a projection does not converge.
     """
     p, t, v = feet.points[piece.order], tangents[piece.order], conormals[piece.order]
     following = np.roll(p, -1, axis=0) - p
@@ -159,7 +165,10 @@ def _evenly_spaced_knots(
 
 
 def _orient_knots(cut: LevelCut, feet: ClosestPoints, along: Floats, closed: bool) -> Knots:
-    """Return knots at ``feet``, reversed if needed so that phi > 0 on the left; ``along`` (k, d) is their direction."""
+    """Return knots at ``feet`` of direction ``along`` (k, d), reversed if phi > 0 would not lie on the left.
+
+    Without normals of the surface the left has no meaning: conormals point to phi > 0, but the direction is arbitrary.
+    """
     t, v, _ = cut.directions(feet)
     against = dots(t, along)[:, None] < 0
     # t is v x n with the surface's n: if n has a sign, t has the right one
@@ -170,9 +179,10 @@ def _orient_knots(cut: LevelCut, feet: ClosestPoints, along: Floats, closed: boo
 
 
 def _refine_knots(cut: LevelCut, knots: Knots) -> Knots:
-    """Return knots so dense that the cubics between them lie on the cut, except at kinks, and their deviation.
+    """Return knots so dense that the cubics between them lie on the cut, with the ``deviation`` that is left.
 
-    On the cut: to :data:`TRACING_TOLERANCE_SHARE` of its size, in the middle of each cubic.
+    In its middle each cubic is within :data:`TRACING_TOLERANCE_SHARE` of the size of the cut, unless it has a kink, may
+    not be halved any further, or the projection of its middle does not converge.
     """
     tolerance, deviation = TRACING_TOLERANCE_SHARE * cut.size, 0.0
     target = np.arange(len(knots.cubics()))

@@ -96,9 +96,10 @@ class Trimmed(Wrapper):
         """Return the closest points of ``x`` (n, d).
 
         On a surface ``edge`` is 0, 1, ... on the edges made by trimming, the longest first, then come the edges of the
-        whole in their order; on a curve it is 0 at the start and 1 at the end. A foot is ``doubtful`` where the closest
-        point of the whole is cut away and not every part that may be nearest instead was searched. Raise InputError if
-        ``x`` does not have shape (n, d) or is not finite.
+        whole in their order; on a curve it is 0 at the start and 1 at the end; -1 elsewhere. ``element`` and ``local``
+        are those of the foot on the whole. A foot is ``doubtful`` where it is on the whole, or where the closest point
+        of the whole is cut away and the search of the part that is left was not complete or did not converge. Raise
+        InputError if ``x`` does not have shape (n, d) or is not finite.
         """
         x = as_points(x, self.dim)
         feet = self.of.closest_point(x)
@@ -115,7 +116,7 @@ class Trimmed(Wrapper):
         return np.asarray(self.trim(points) < -self.margin)
 
     def _add_elements(self, feet: ClosestPoints, rows: Ints) -> ClosestPoints:
-        """Return ``feet`` with ``element`` and ``local`` of the whole's closest points in ``rows`` (k,)."""
+        """Return ``feet``, at ``rows`` (k,) with ``element`` and ``local`` of their closest points on the whole."""
         whole = self.of.closest_point(np.ascontiguousarray(feet.points[rows]))
         return feet.replace_rows(rows, replace(feet.take(rows), element=whole.element, local=whole.local))
 
@@ -153,8 +154,9 @@ class Trimmed(Wrapper):
     def _descent_starts(self, x: Floats, on_edge: ClosestPoints) -> tuple[Floats, Bools]:
         """Return points (n, k, d) of the part, and a mask (n, k) of those from which a descent may end nearer.
 
-        The first is ``on_edge``, the foot of ``x`` (n, d) on the edge, if the query is seen from it inwards. The others
-        are samples that are not near this foot: points near it are farther than the edge, or reached from it.
+        The first start is ``on_edge``, the foot of ``x`` (n, d) on the edge, marked if the query is seen from it
+        inwards. The others are the nearest samples, marked if they are not near this foot (points near it are farther
+        than the edge, or reached from it) and a point near them may be nearer than it.
         """
         toward_part = dots(x - on_edge.points, self.new_edge.outward(on_edge))
         inwards = toward_part < -INWARD_SINE * on_edge.distance - self.tolerance
@@ -195,7 +197,10 @@ class Trimmed(Wrapper):
         return np.asarray(self.of.interpolate(values, feet))
 
     def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) and cells (m, k) of about ``spacing`` of the whole's mesh, clipped at the new edge."""
+        """Return vertices (v, d) and cells (m, k) of the whole's mesh, clipped at the new edge.
+
+        The whole's mesh has about ``spacing``, at most a sixteenth of the part's largest side.
+        """
         coarsest = float(np.ptp(self.bounds, axis=0).max()) / TRIMMED_LEAST_CELLS
         vertices, cells = self.of.mesh(min(positive(spacing, "spacing"), coarsest))
         beyond = self.trim(vertices) + self.margin
@@ -221,8 +226,9 @@ class Trimmed(Wrapper):
 def trimmed_source(*, of: ClosestPointSource, trim: Any, resolution: int | None = None) -> Any:
     """Return the part of a surface or curve where a function of position is at most zero, with a true edge.
 
-    Raise InputError if an argument is not accepted, nothing is cut off or nothing is left, the edge branches, or of a
-    curve more than one piece would be left.
+    Raise InputError if an argument is not accepted, trim is not finite on the whole or jumps over zero, nothing is cut
+    off or nothing is left, trim only touches zero on a curve or leaves more than one piece of it, or the new edge of a
+    surface branches, or is too small or too sharply curved for the samples.
 
     Parameters
     ----------
@@ -278,11 +284,11 @@ def _samples_of_part(cut: LevelCut) -> ClosestPoints:
 def descend_to_foot(of: ClosestPointSource, x: Floats, start: Floats, reach: float) -> tuple[Floats, Bools]:
     """Return points y of ``of`` near ``start`` with x - y normal to it, and a mask (n,) of the converged ones.
 
-    ``x`` (n, d) are queries, ``start`` (n, d) points of the manifold ``of``, ``reach`` is the length of the longest
-    step. Each step replaces y by the closest point of the probe y + share (x - y), which is y itself if x - y is
-    normal, and else nearer to x: a tangential error shrinks by (1 - share) / (1 - share |x - y| k), k the curvature
-    towards x. If another part of the manifold is nearer to the probe, y jumps or the distance grows: then the share is
-    halved.
+    ``x`` (n, d) are queries, ``start`` (n, d) points of the manifold ``of``, ``reach`` is the greatest length of the
+    first step; a later one is at most about twice its predecessor. Each step replaces y by the closest point of the
+    probe y + share (x - y), which is y itself if x - y is normal, and else nearer to x: a tangential error shrinks by
+    (1 - share) / (1 - share |x - y| k), k the curvature towards x. If another part of the manifold is nearer to the
+    probe, y jumps or the distance grows: then the share is halved.
     """
     y, distance, step = start.copy(), norms(x - start), np.zeros_like(x)
     share, most, longest = (np.full(len(x), value) for value in (FIRST_PROBE_SHARE, LONGEST_PROBE_SHARE, reach))

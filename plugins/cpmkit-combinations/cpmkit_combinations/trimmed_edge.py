@@ -117,7 +117,8 @@ def point_edge(cut: LevelCut, points: PointSet, ends_left: Ints) -> PointEdge:
     """Return the ends of the trimmed curve of ``cut``, whose function is trim.
 
     ``points`` are the zeros of trim on the curve, ``ends_left`` (k,) the ends of the whole, 0 or 1, that belong to the
-    part. Raise InputError if the part is not one piece with two ends.
+    part. If the whole is closed and has no tangents, the start is the first of the points. Raise InputError if the part
+    is not one piece with two ends.
     """
     feet = cut.surface.closest_point(points.positions)
     outward = cut.directions(feet)[1]
@@ -160,14 +161,17 @@ def clip_mesh(vertices: Floats, cells: Ints, values: Floats, onto: Callable[[Flo
 
 
 def _clip_segments(cells: Ints, crossings: Ints, inside: Bools) -> Ints:
-    """Return (k, 2) the segments ``inside`` (m, 2), and parts from there to the vertices ``crossings`` (m, 1)."""
+    """Return (k, 2) the segments with both ends ``inside`` (m, 2), and of those with one the part up to ``crossings``.
+
+    ``crossings`` (m, 1) are the new vertices on the segments.
+    """
     crossed = inside.sum(axis=1) == 1
     clipped = np.where(inside[crossed], cells[crossed], crossings[crossed])
     return np.concatenate([cells[inside.all(axis=1)], clipped])
 
 
 def _clip_triangles(cells: Ints, crossings: Ints, inside: Bools) -> Ints:
-    """Return (k, 3) the triangles inside, corners with one vertex inside, and halves of quadrangles with two.
+    """Return (k, 3) the triangles inside, and the inner parts of others: corners, and the two halves of quadrangles.
 
     ``crossings`` (m, 3) are the new vertices on the triangles' edges, ``inside`` (m, 3) marks their corners.
     """

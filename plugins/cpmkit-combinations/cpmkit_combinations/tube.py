@@ -84,8 +84,8 @@ class Tube:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d): at the radius from the foot on the curve, towards ``x``.
 
-        ``edge`` is -1. On the curve itself all directions across it are equal, and the feet are ``doubtful``. Raise
-        InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
+        ``edge`` is -1. On the curve itself all directions across it are equal, and the feet are ``doubtful``, as they
+        are where the curve's foot is. Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         x = as_points(x, self.dim)
         middle = self.around.closest_point(x)
@@ -110,8 +110,9 @@ class Tube:
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) on the tube and cells (m, d), triangles or segments, of about ``spacing``.
 
-        Triangles are wound counterclockwise as seen from outside; segments have the outside on their right. Raise
-        InputError if the curve itself cannot be drawn.
+        A ring around the curve has at least 8 corners. Triangles are wound counterclockwise as seen from outside;
+        segments have the outside on their right. Raise InputError if the curve itself cannot be drawn, or the spacing
+        is not above zero.
         """
         sweep = sweep_curves(_polylines(self.around, positive(spacing, "spacing")), self.radius, spacing)
         return self.closest_point(sweep.points).points, sweep.cells
@@ -146,7 +147,8 @@ class Tube:
 def tube(*, around: ClosestPointSource, radius: Any) -> Tube:
     """Return the points at one distance from a curve: a tube in space, in the plane the curve's offset to both sides.
 
-    Raise InputError if ``around`` is no curve, the radius is not above zero, or the tube would meet itself.
+    Raise InputError if ``around`` is no curve, the radius is not above zero, or the tube would meet itself; the last is
+    tested at samples, and only around a curve that can be drawn.
 
     Parameters
     ----------
@@ -205,8 +207,9 @@ class Sweep(NamedTuple):
 def sweep_curves(curves: list[Polyline], radius: float, spacing: float, corners: int | None = None) -> Sweep:
     """Return a mesh, of about ``spacing``, at the distance ``radius`` from ``curves``, with caps at open ends.
 
-    Rings have the number ``corners`` of vertices, by default 2 pi radius / spacing; in 2D only half circles at ends do.
-    Triangles are counterclockwise seen from outside; segments have the outside on their right.
+    A ring has the number ``corners`` of vertices, by default 2 pi radius / spacing, at least 8. In 2D there are no
+    rings: offsets have the curves' segments, half circles at ends half as many as a ring. Triangles are
+    counterclockwise seen from outside; segments have the outside on their right.
     """
     count = corners or max(LEAST_RING_CORNERS, int(np.ceil(2 * np.pi * radius / spacing)))
     parts = [_sweep_curve(curve, radius, count) for curve in curves]
@@ -243,7 +246,7 @@ def _sweep_curve(curve: Polyline, radius: float, count: int) -> Sweep:
 
 
 def _offset_curve(curve: Polyline, right: Floats, radius: float, count: int) -> Sweep:
-    """Return offsets by ``radius`` of a plane curve to both sides; an open curve gets half circles around its ends.
+    """Return segments of both offsets of a plane curve by ``radius``, and of half circles around ends of an open one.
 
     ``right`` (n, 2) are unit vectors to its right; ``count`` is the number of segments of a full circle.
     """
@@ -265,7 +268,7 @@ def _offset_curve(curve: Polyline, right: Floats, radius: float, count: int) -> 
 
 
 def _vertex_tangents(curve: Polyline) -> Floats:
-    """Return (n, d) unit tangents at the curve's points: mean directions of the two adjacent segments."""
+    """Return (n, d) unit tangents at the curve's points: mean directions of the adjacent segments, two or one."""
     p = curve.points
     steps = unit(np.diff(p, axis=0, append=p[:1]))
     if not curve.closed:
@@ -298,9 +301,10 @@ def _transport_frame(along: Floats, closed: bool) -> tuple[Floats, Floats]:
 
 
 def _ring_triangles(rings: int, count: int, closed: bool) -> Ints:
-    """Return the triangles (m, 3) between ``rings`` of ``count`` corners each, counterclockwise seen from outside.
+    """Return the triangles (m, 3) of a tube of ``rings`` rings with ``count`` vertices each.
 
-    If ``closed``, the last ring is connected to the first.
+    Vertices are numbered ring by ring; triangles are counterclockwise seen from outside. If ``closed``, the last ring
+    is connected to the first.
     """
     k, j = np.meshgrid(np.arange(rings if closed else rings - 1), np.arange(count), indexing="ij")
     here, there = k * count, (k + 1) % rings * count

@@ -32,7 +32,9 @@ from cpmkit_combinations.wrapper import with_abilities
 
 @dataclass(frozen=True, eq=False)
 class Union:
-    """All points of several sources. The nearest member, the first of equals, gives the closest point of a query.
+    """All points of several sources. The nearest member gives the closest point of a query.
+
+    Of equally near ones it is a member whose foot is on no edge, then the first.
 
     Attributes
     ----------
@@ -160,7 +162,10 @@ class Union:
         return self.first_edges[-1]
 
     def _advice(self, spacing: float, /) -> Advice:
-        """Return the warnings of all members at grid ``spacing``, and the largest of their errors."""
+        """Return the warnings of all members at grid ``spacing``, and the largest of their errors.
+
+        A mesh serves for samples if all members' do; feet are counted only if those of all members are finitely many.
+        """
         advice = [advice_of(member, spacing) for member in self.members]
         counts = [part.foot_count for part in advice if part.foot_count is not None]
         return Advice(
@@ -179,9 +184,10 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
     Where members of different dimensions meet, or are nearer than four spacings, the solution is continuous, but no law
     of the equation determines the flux from one to the other: it depends on the spacing, however small. Solutions and
     explanations name the members, such a solution has no error estimate, and a tolerance, seconds or memory in place of
-    a spacing is refused. A union has the abilities that all its members have; normals, tangents and local minima only
-    if the members' dimensions agree, since in a mixed union the solver queries the members. Raise InputError if there
-    are none, or one is no source or lies in another space.
+    a spacing is refused. A union can be drawn or translated if all its members can. It has normals or tangents if
+    all have them and their dimensions agree, and local minima if these agree: in a mixed union the solver queries the
+    members. It takes no data given by the vertex. Raise InputError if there are no members, or one is no source or lies
+    in another space.
 
     Parameters
     ----------

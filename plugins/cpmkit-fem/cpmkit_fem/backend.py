@@ -24,7 +24,7 @@ from cpmkit_fem.on_nodes import conditions_of
 from cpmkit_fem.pins import pins_of
 from cpmkit_fem.quadratic import add_midpoints, curve_mesh
 from cpmkit_fem.ties import ties_of
-from cpmkit_fem.triangulation import own_mesh, triangulate
+from cpmkit_fem.triangulation import own_mesh, scene_mesh
 
 
 def fem() -> Backend:
@@ -57,26 +57,29 @@ class Elements:
     def discretize(
         self, scene: Scene, spacing: float | None = None, *, degree: int = 1, progress: Progress = no_progress
     ) -> FiniteElements:
-        """Discretise a scene on triangles or segments.
+        """Return a scene discretised on triangles or segments that its boundaries cut.
 
-        Raise InputError or SceneError if there are no cells, the degree is neither 1 nor 2, a boundary lies off the
-        cells, or a condition that couples two sides has only one. Raise ResolutionError if all vertices are pinned.
+        Raise InputError if the surface has no triangles or segments, one of the triangles has no area, curves meet
+        without a common vertex, the spacing is absent for a source that is no mesh, or not above zero, or the degree is
+        neither 1 nor 2. Raise SceneError if a boundary lies off the cells or on another with a different condition, a
+        point of a surface has another condition than a value, a condition that couples two sides has one or three, or
+        the edge has a place without condition. Raise ResolutionError if all vertices are pinned.
 
         Parameters
         ----------
         scene : Scene
             A surface or a curve; its boundaries and its edge have any conditions, a point of a surface a value.
         spacing : float, optional
-            About the length of an edge, in the scene's unit; a mesh needs none and keeps its own.
+            About the length of an edge, in the scene's unit; a source that is a mesh ignores it.
         degree : int
-            Degree of the polynomials on each cell: 1, or 2 with curved cells on a surface that is no mesh.
+            Degree of the polynomials on each cell: 1, or 2. Of degree 2 cells are curved, of a mesh they stay flat.
         progress : callable, optional
             ``progress(stage, fraction)``, with the stage "build" and a fraction from 0 to 1.
         """
         if degree not in (1, 2):
             raise InputError(f"backend='fem' has elements of degree 1 and 2, got degree={degree!r}; use degree=2.")
         progress("build", 0.0)
-        mesh, cut = triangulate(scene, spacing), None
+        mesh, cut = scene_mesh(scene, spacing), None
         curves_cells = degree == 2 and own_mesh(scene.surface) is None
         if scene.boundaries:
             cut = cut_along_boundaries(scene, mesh.nodes, mesh.cells, mesh.mean_edge)
@@ -97,15 +100,16 @@ class PinnedElements:
     def discretize(
         self, scene: Scene, spacing: float | None = None, *, progress: Progress = no_progress
     ) -> FiniteElements:
-        """Discretise a scene on its uncut triangles, with pinned vertices in place of boundaries.
+        """Return a scene discretised on its uncut triangles, with pinned vertices in place of boundaries.
 
-        ``spacing`` and ``progress`` are those of :meth:`Elements.discretize`, and so are the exceptions. Raise
-        InputError also for a curve, SceneError if a boundary has no Dirichlet condition that is equal on both sides.
+        ``spacing`` and ``progress`` are those of :meth:`Elements.discretize`, and so are the exceptions about the mesh,
+        the edge and pinned vertices. Raise InputError also for a curve, SceneError if a boundary lies off the mesh or
+        has another condition than one Dirichlet condition for both sides.
         """
         if scene.surface.manifold_dim == 1:
             raise InputError("backend='fem-pinned' pins vertices of surfaces, got a curve; use backend='fem'.")
         progress("build", 0.0)
-        return _discretize(scene, triangulate(scene, spacing), None, progress)
+        return _discretize(scene, scene_mesh(scene, spacing), None, progress)
 
 
 def _flat_cell_warnings(mesh: CellMesh, off: Floats) -> Iterator[str]:

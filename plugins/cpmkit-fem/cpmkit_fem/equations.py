@@ -34,10 +34,11 @@ class Equations(OnNodes):
     """The assembled equations of a scene on the nodes of a mesh: stiffness, loads, and conditions."""
 
     def stiffness(self, terms: Terms) -> VertexOperator:
-        """Return A, the integrals of a grad u . grad v + c u v, and over the rim of a beta / alpha u v, with ties.
+        """Return A, the integrals of a grad u . grad v + c u v, and over the rim of a beta / alpha u v, and the ties.
 
-        Rows and columns of pinned nodes are those of a diagonal matrix. Raise SceneError if there is a velocity. Raise
-        InputError if a diffusivity is not above zero, or a lumped mass is of degree 2.
+        The rim stands for its parts and sides of boundaries whose law has alpha and beta. Rows and columns of pinned
+        nodes are those of a diagonal matrix. Raise SceneError if there is a velocity. Raise InputError if a diffusivity
+        is not above zero, or a lumped mass is of degree 2.
         """
         if terms.velocity is not None:
             kind = self.scene.problem.kind

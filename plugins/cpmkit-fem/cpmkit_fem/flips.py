@@ -67,7 +67,7 @@ def _height_ratios(nodes: Floats, cells: Ints) -> Floats:
 
 
 def _improving_flips(nodes: Floats, new: Ints, thin: Ints, other: Ints) -> Bools:
-    """Return (k,) which pairs of triangles ``new`` (2, k, 3) are less thin than ``thin`` and ``other`` (k, 3)."""
+    """Return (k,) where both triangles ``new`` (2, k, 3) are less thin than the thinner of two old ones (k, 3)."""
     before = np.minimum(_height_ratios(nodes, thin), _height_ratios(nodes, other))
     return np.asarray(_height_ratios(nodes, new).min(axis=0) > before)
 

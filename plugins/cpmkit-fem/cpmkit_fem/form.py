@@ -95,8 +95,9 @@ class FiniteElements(Equations):
     def evaluation_matrix(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> csr_array:
         """Return matrix (k, n) that evaluates u at the mesh's nearest points to ``points`` (k, d), on their own side.
 
-        On a boundary the side is ``side``, or by name of the boundary ``side[name]``, by default left. Raise InputError
-        if a point is not finite, or a side is neither left nor right of a boundary of the scene.
+        It multiplies the unknowns. On a boundary the side is ``side``, or by name of the boundary ``side[name]``, by
+        default left; pinned boundaries have one value. Raise InputError if points have another shape or are not finite,
+        or a side is neither left nor right of a boundary of the scene.
         """
         queries = as_points(points, self.scene.surface.dim)
         if self.mesh.curved:
@@ -110,12 +111,12 @@ class FiniteElements(Equations):
     # Diagnosis
 
     def warnings(self) -> tuple[str, ...]:
-        """Return the warnings of the surface, of the insertion of boundaries and of distances of pins."""
+        """Return the warnings of the surface, of inserted boundaries or pins off them, and of boundaries too small."""
         of_boundaries = pin_warnings(self.rim) if self.cut is None else self.cut.warnings
         return (*warnings_of(self.scene.surface, self.spacing), *of_boundaries, *self._small_boundaries())
 
     def _small_boundaries(self) -> tuple[str, ...]:
-        """Return warnings of values at points of a surface, and on curves far smaller than an edge."""
+        """Return warnings of values at points of a surface, and on curves far smaller than an edge; () on a curve."""
         if self.mesh.manifold_dim != 2:
             return ()
         cutting = [boundary.name for boundary in self.scene.boundaries if boundary.source.manifold_dim != 0]
@@ -127,7 +128,10 @@ class FiniteElements(Equations):
         return FemWork(free, self.size, len(self.mesh.cells), operator.nonzeros, done)
 
     def describe(self) -> dict[str, Any]:
-        """Return a record with the name of the form, "fem" or "fem-pinned", and the degree of its elements."""
+        """Return a record with the name of the form and the degree of its elements.
+
+        The name is "fem-pinned" if boundaries are pinned, else "fem": without boundaries the two forms are one.
+        """
         pinned = self.cut is None and bool(self.scene.boundaries)
         return {"backend": "fem-pinned" if pinned else "fem", "degree": self.mesh.degree}
 

@@ -16,7 +16,7 @@ ROUNDS = 12
 
 
 def check_junctions(surface: ClosestPointSource, mesh: CellMesh) -> None:
-    """Raise InputError, with the place, if curves of a union meet where their meshes have no common vertex."""
+    """Raise InputError, with the place, if curves of a union meet farther than a segment from all common vertices."""
     if mesh.manifold_dim != 1 or not isinstance(surface, HasMembers) or len(surface.members) < 2:
         return
     member = surface.closest_point(mesh.nodes[mesh.corners].mean(axis=1)).element
@@ -33,7 +33,7 @@ def check_junctions(surface: ClosestPointSource, mesh: CellMesh) -> None:
 
 
 def _meetings(nodes: Floats, cells: Ints, other: ClosestPointSource) -> tuple[Floats, Floats]:
-    """Return points (k, d) of segments ``cells`` (m, 2) at which the curve ``other`` meets them, and their lengths."""
+    """Return points (k, d) of segments ``cells`` (m, 2) that the curve ``other`` meets, and the segments' lengths."""
     length = edge_lengths(nodes, cells)
     centres = nodes[cells].mean(axis=1)
     nearby = other.closest_point(centres).distance <= length if len(cells) else np.zeros(0, dtype=bool)

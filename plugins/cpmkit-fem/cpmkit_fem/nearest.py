@@ -55,7 +55,7 @@ def _pinned_part(boundary: BoundarySet, mesh: CellMesh) -> RimPart:
 
 
 def _nearest_vertices(boundary: BoundarySet, mesh: CellMesh) -> Ints:
-    """Return (k,) the vertices nearest to points of the boundary, and ends of crossed edges, so that no path passes."""
+    """Return (k,) the vertices nearest to points of the boundary, and ends of edges that it crosses between these."""
     from scipy.spatial import cKDTree
 
     nearest = np.unique(cKDTree(mesh.nodes).query(_boundary_samples(boundary, mesh))[1])

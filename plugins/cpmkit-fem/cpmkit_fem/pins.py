@@ -34,7 +34,7 @@ class Pins:
     channels: int
 
     def values(self, time: float | None = None) -> Floats:
-        """Return the prescribed values (p, channels) at ``time``, of ties their jumps; None for steady problems."""
+        """Return the prescribed values (p, channels), of ties their jumps; ``time`` is None for steady problems."""
         none = np.zeros((0, self.channels))
         of_parts = [part.values(self.channels, time) for part in self.parts]
         return np.concatenate([none, *of_parts])[self.picked]

@@ -119,7 +119,10 @@ def _edge_at_nodes(mesh: CellMesh) -> Floats:
 
 
 def _untangle(mesh: CellMesh, wanted: Floats) -> Floats:
-    """Return the nodes at their ``wanted`` places (n, d); those of cells that would be inverted move back."""
+    """Return the nodes at their ``wanted`` places (n, d), those of cells that would be inverted moved back.
+
+    Midpoints move back first, to the middle of their corners; all nodes do if :data:`ROUNDS_OF_UNTANGLING` are too few.
+    """
     nodes, k = wanted.copy(), mesh.manifold_dim + 1
     for turn in range(ROUNDS_OF_UNTANGLING):
         folded = mesh.cells[_inverted_cells(mesh, nodes)]

@@ -22,7 +22,8 @@ def locate_on_curved_cells(mesh: CellMesh, cell: Ints, local: Floats, points: Fl
     """Return the barycentric coordinates (k, c) of the places on curved cells nearest to ``points`` (k, d) near them.
 
     ``cell`` (k,) are the cells; :data:`STEPS` steps of Gauss and Newton start from ``local`` (k, c) on the flat cells,
-    which is returned where they change a coordinate by more than :data:`FARTHEST`.
+    which is returned where they change a coordinate by more than :data:`FARTHEST`. They may end a little outside of the
+    cell, at a negative coordinate.
     """
     start = local[:, 1:].T
     found, nodes = start, mesh.nodes[mesh.cells[cell]]

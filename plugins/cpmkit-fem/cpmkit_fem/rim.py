@@ -127,10 +127,10 @@ class RimPart:
 
 
 def rim_of(scene: Scene, mesh: CellMesh, excluded: Ints) -> Sequence[RimPart]:
-    """Return the parts of the rim, one for each condition, without the facets ``excluded`` (b, corners).
+    """Return the parts of the rim, one for each condition of the scene's edge that holds somewhere on it.
 
-    The list is empty if the mesh is closed. Raise SceneError if a loop is not in the scene's table, or no part of the
-    edge covers a place of it.
+    The facets ``excluded`` (b, corners), those on boundaries, are no rim. The list is empty if the mesh is closed.
+    Raise SceneError if a loop is not in the scene's table, or no part of the edge covers a place of it.
     """
     facets, opposite = rim_facets(mesh, excluded)
     if not len(facets):
@@ -142,7 +142,10 @@ def rim_of(scene: Scene, mesh: CellMesh, excluded: Ints) -> Sequence[RimPart]:
 
 
 def rim_facets(mesh: CellMesh, excluded: Ints) -> tuple[Ints, Ints]:
-    """Return facets (e, c) of one cell each, except ``excluded`` (b, corners), and the corner (e,) opposite each."""
+    """Return the facets (e, c) that only one cell has, without ``excluded`` (b, corners), and the corner opposite each.
+
+    Facets have c nodes: their corners, of degree 2 then the midpoint. The opposite corners are (e,).
+    """
     facets, count, opposite = mesh.facets
     k, size = mesh.manifold_dim, len(mesh.nodes)
     powers = size ** np.arange(k)
@@ -151,7 +154,10 @@ def rim_facets(mesh: CellMesh, excluded: Ints) -> tuple[Ints, Ints]:
 
 
 def _move_ends_along_rim(mesh: CellMesh, facets: Ints, excluded: Ints) -> Floats:
-    """Return the mesh's nodes (n, d), with ends of rim ``facets`` (e, c) in ``excluded`` moved along the rim."""
+    """Return the mesh's nodes (n, d), with those in both rim ``facets`` (e, c) and ``excluded`` moved along the rim.
+
+    Corners are moved a little towards the middle of their rim facet; on a curve, whose facets are points, none moves.
+    """
     target, ends = mesh.nodes.copy(), facets[:, : mesh.manifold_dim]
     facet, place = np.nonzero(np.isin(ends, excluded))
     at = ends[facet, place]

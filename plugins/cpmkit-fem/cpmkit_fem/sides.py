@@ -48,8 +48,9 @@ def locate_points(
 ) -> tuple[Ints, Floats]:
     """Return the cell (n,) in which each of ``points`` (n, d) is evaluated, and its barycentric coordinates (n, k).
 
-    It is the nearest cell on the point's own side of each boundary; for points on a boundary the side is
-    ``wanted[name]``, by default left. Without ``cut`` it is the nearest cell.
+    It is the nearest cell, unless that touches a boundary from the other side than the point's: then the nearest other
+    cell. For points on a boundary the side is ``wanted[name]``, by default left. Without ``cut``, and beside boundaries
+    that are points of a surface, it is the nearest cell.
     """
     face, local = nearest_cells(mesh.nodes, mesh.corners, points)
     if cut is None:
@@ -74,9 +75,10 @@ def locate_points(
 
 
 def points_on_own_side(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Floats:
-    """Return the nodes (n, d), those on boundaries moved from there a little towards their own cells.
+    """Return the nodes (n, d), those on boundaries moved onto these and from there a little towards their own cells.
 
-    The way is :data:`INWARD_SHARE` of that to the mean centre of the cells. Without ``cut`` all nodes stay.
+    The last way is :data:`INWARD_SHARE` of that to the mean centre of the node's cells. Without ``cut`` all nodes stay,
+    and so do those at points of a surface.
     """
     if cut is None or not len(cut.edges):
         return mesh.nodes
@@ -94,9 +96,9 @@ def points_on_own_side(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Flo
 
 
 def _cells_of_sides(mesh: CellMesh, cut: CutMesh, number: int) -> tuple[Bools, Bools]:
-    """Return (m,) which cells have a corner left of boundary ``number``, and (m,) which right of it.
+    """Return (m,) which cells touch boundary ``number`` from the left, and (m,) which from the right.
 
-    Ends of the boundary, which are on both sides, do not count.
+    One corner on the boundary suffices. Ends of the boundary, which are on both sides, do not count.
     """
     touching = []
     sides = [np.unique(cut.edges[(cut.owner == number) & those]) for those in (cut.left, ~cut.left)]

@@ -127,13 +127,13 @@ class Tie:
 
     @cached_property
     def _difference(self) -> csr_array:
-        return self._of_sides(1.0, -1.0)
+        return self._combine_sides(1.0, -1.0)
 
     @cached_property
     def _mean(self) -> csr_array:
-        return self._of_sides(0.5, 0.5)
+        return self._combine_sides(0.5, 0.5)
 
-    def _of_sides(self, left: float, right: float) -> csr_array:
+    def _combine_sides(self, left: float, right: float) -> csr_array:
         """Return the matrix (k, n) of ``left`` times the value on the left plus ``right`` times that on the right."""
         from scipy.sparse import csr_array
 
@@ -146,7 +146,8 @@ class Tie:
 def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
     """Return the ties of the boundaries whose law couples their sides; none where the mesh is not ``cut``.
 
-    Raise SceneError if a boundary has only one side somewhere, as on the surface's rim, or is a point.
+    Raise SceneError if such a boundary has only one side somewhere, as on the rim, or three, as at a junction, or is a
+    point of a surface.
     """
     ties = []
     for number, boundary in enumerate(scene.boundaries):

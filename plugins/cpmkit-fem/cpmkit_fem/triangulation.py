@@ -14,12 +14,13 @@ WELDED_SIZE_SHARE = 1e-12
 FEWEST_EDGES = (4, 8, 32)
 
 
-def triangulate(scene: Scene, spacing: float | None) -> CellMesh:
-    """Return the mesh, welded and checked, of the scene's surface or curve, with edges of about ``spacing``.
+def scene_mesh(scene: Scene, spacing: float | None) -> CellMesh:
+    """Return the mesh, welded and checked, of the scene's surface or curve, with edges of about ``spacing``, a length.
 
     A source that is itself a mesh gives that one, whatever the spacing, and needs none. Boundaries are not used. Raise
-    InputError if the manifold is neither a surface nor a curve, or has no mesh, the spacing is needed and absent, a
-    triangle has no area, or curves meet where their meshes have no common vertex.
+    InputError if the manifold is neither a surface nor a curve, or has no mesh or one without cells, the spacing is
+    needed and absent, or not above zero, a triangle has no area, or curves meet where their meshes have no common
+    vertex.
     """
     surface = scene.surface
     dim = surface.manifold_dim
@@ -42,7 +43,10 @@ def triangulate(scene: Scene, spacing: float | None) -> CellMesh:
 
 
 def own_mesh(surface: ClosestPointSource) -> tuple[Floats, Ints] | None:
-    """Return vertices (v, d), cells (m, k) of a source that is itself a mesh; None if they depend on the spacing."""
+    """Return vertices (v, d), cells (m, k) of a source that is itself a mesh; None if they depend on the spacing.
+
+    The vertices are compared at three spacings: a quarter, an eighth and a 32nd of the largest side of the bounds.
+    """
     assert isinstance(surface, HasMesh)
     size = float(np.ptp(surface.bounds, axis=0).max())
     vertices, faces = surface.mesh(size / FEWEST_EDGES[0])
@@ -51,7 +55,7 @@ def own_mesh(surface: ClosestPointSource) -> tuple[Floats, Ints] | None:
 
 
 def _weld(vertices: Floats, faces: Ints) -> CellMesh:
-    """Return the mesh of ``faces`` (m, k) with vertices nearer than :data:`WELDED_SIZE_SHARE` or rounding merged.
+    """Return the mesh of ``faces`` (m, k) with vertices nearer than WELDED_SIZE_SHARE of the size, or rounding, merged.
 
     Unused vertices, and cells that repeat a vertex, are left out.
     """

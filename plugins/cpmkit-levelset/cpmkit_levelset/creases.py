@@ -27,7 +27,7 @@ def crease_kinks(field: Field, samples: Floats, size: float, spacing: float) -> 
     return tuple(
         kink
         for kink in (field.kinks if isinstance(field, FormulaField) else ())
-        if _turns(field, kink, common_points(ZeroSet((field, kink), size), samples, spacing), size).any()
+        if _gradient_jumps(field, kink, common_points(ZeroSet((field, kink), size), samples, spacing), size).any()
     )
 
 
@@ -49,7 +49,7 @@ def layered_set(zero_set: ZeroSet, samples: Floats, kinks: tuple[FormulaField, .
         return LayeredSet(tuple(layers), np.concatenate([np.empty((0, samples.shape[1])), *corners]))
     found = [common_points(crease, samples, spacing) for crease in creases]
     for kink, crease, points in zip(kinks, creases, found, strict=True):
-        on_crease = points[_turns(zero_set.fields[0], kink, points, size)]
+        on_crease = points[_gradient_jumps(zero_set.fields[0], kink, points, size)]
         layers.append(build_layer(crease, on_crease, covering, tuple(each for each in creases if each is not crease)))
     pairs = combinations(range(len(kinks)), 2) if samples.shape[1] == 3 else ()
     corners = [_corner_points((zero_set.fields[0], kinks[i], kinks[j]), found[i], size, spacing) for i, j in pairs]
@@ -63,15 +63,18 @@ def common_points(common: ZeroSet, samples: Floats, spacing: float) -> Floats:
     return points[converged]
 
 
-def _turns(field: Field, kink: FormulaField, points: Floats, size: float) -> np.ndarray:
-    """Return whether the gradient of ``field`` jumps across the zeros of ``kink`` at ``points`` (n, d)."""
+def _gradient_jumps(field: Field, kink: FormulaField, points: Floats, size: float) -> np.ndarray:
+    """Return (n,) whether the gradient of ``field`` turns by LEAST_CREASE_ANGLE at ``points`` (n, d) on a ``kink``."""
     across = CREASE_STEP_SHARE * size * unit_or_nan(kink.gradient(points)[1])
     ahead, behind = (unit_or_nan(field.gradient(points + step)[1]) for step in (across, -across))
     return norms(ahead - behind) > LEAST_CREASE_ANGLE
 
 
 def _corner_points(fields: tuple[Field, ...], samples: Floats, size: float, spacing: float) -> Floats:
-    """Return the points (k, 3) at which three ``fields`` vanish, found by Newton's method from ``samples`` (n, 3)."""
+    """Return the points (k, 3) at which three ``fields`` vanish, found by Newton's method from ``samples`` (n, 3).
+
+    They lie within three of ``spacing`` from a sample; each occurs once.
+    """
     start = points = samples
     for _ in range(MOST_PROJECTIONS):
         values, gradients = zip(*(field.gradient(points) for field in fields), strict=True)

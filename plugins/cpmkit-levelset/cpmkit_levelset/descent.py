@@ -41,7 +41,8 @@ def minimize_distance(zero_set: ZeroSet, x: Floats, start: Floats, stride: float
     points : (n, d) float64
         On the zero set, never farther from the query than the start is.
     converged : (n,) bool
-        Whether the point is stationary: to 1e-12 of the size, or as far as rounding (or a kink) lets it come.
+        Whether the last step was at most 1e-6 of the size: the next would be its square, unless rounding or a kink, or
+        the largest number of steps, stopped the descent.
     """
     y, converged = start.copy(), np.zeros(len(x), dtype=bool)
     rows = np.arange(len(x))

@@ -80,7 +80,7 @@ def keep_nearer_trials(x, y, best, moved, rows, trial, on, noise):
     best, moved : (n, d) float64, (n,) bool
         Set in place where a trial is kept.
     rows : (r,) int64
-        The first of them are overwritten by those of no gain, which go on.
+        The first of them are overwritten by those whose trial is not kept, which go on.
     trial, on : (r, d) float64, (r,) bool
         The trials of ``rows``, and which are on the zero set.
     noise : (n,) float64

@@ -36,8 +36,9 @@ SLOPE_ERROR_QUANTILE = 0.95
 def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
     """Return the zero set of a formula.
 
-    Raise SceneError if a formula does not parse, or uses what is not offered. Raise InputError if another key does not
-    hold what is accepted, or there is no zero set inside the bounds.
+    Raise SceneError if a formula does not parse, is constant, or uses what is not offered. Raise InputError if another
+    key does not hold what is accepted, phi is not finite in the bounds, there is no zero set in them or it runs out of
+    them, or trim leaves nothing of it, or cuts a curve at more than two points.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEF
     bounds : (2, d) numbers
         The lower and upper corner of a box that holds the zero set.
     trim : str, optional
-        Keeps the part with trim <= 0.
+        Keeps the part with trim <= 0; the rest may run out of the bounds.
     resolution : int
         Cells of the lattice of samples along the longest side, 8 to 512; thinner parts or gaps may be overlooked.
     """
@@ -229,7 +230,7 @@ def _build_level_set(field: Field, trim: Any, box: Floats, resolution: Any) -> L
 
 
 def _sample_subset(level_set_source: LevelSet) -> Floats:
-    """Return about 2000 of the samples (n, d)."""
+    """Return samples (n, d) of the level set's first face: 2000 to 4000, or all if there are fewer."""
     samples = level_set_source.surface.layers[0].samples
     return samples[:: max(len(samples) // 2000, 1)]
 

@@ -116,7 +116,7 @@ class Differences:
         return np.stack(columns, axis=1)
 
     def errors(self, p: Floats) -> Floats:
-        """Return (n,) change of the gradient at ``p`` (n, d) by half the step, relative to its length; inf if NaN."""
+        """Return (n,) the relative change of the gradient at ``p`` (n, d) if the step is halved; inf if NaN."""
         coarse, finer = self(p), self.difference_gradient(p, self.step / 2)
         with np.errstate(all="ignore"):
             off = norms(coarse - finer) / norms(finer)

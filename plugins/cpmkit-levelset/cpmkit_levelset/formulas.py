@@ -56,7 +56,8 @@ class FormulaField:
 def formula_field(text: Any, dim: int, label: str) -> FormulaField:
     """Return the formula ``text`` in the first ``dim`` of x, y, z with its first two derivatives.
 
-    Raise SceneError, which names ``label``, if it does not parse, is too long or constant, or uses what is not offered.
+    Raise SceneError, which names ``label``, if it does not parse, is too long or constant, or uses what jumps or is not
+    offered.
     """
     names = COORDINATES[:dim]
     tree = formula_tree(text, names, label)

@@ -90,16 +90,17 @@ class LevelSet:
 
     @property
     def bounds(self) -> Floats:
-        """(2, d) corners of the box around the level set, a millionth of its size larger than the smallest."""
+        """(2, d) corners of the box around the level set, larger by a millionth of the diagonal of that given."""
         return self._extent + self.shift
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d).
 
         ``edge`` is 0 where the foot lies on the edge of a trimmed surface; of a trimmed curve, 0 or 1, its ends by
-        increasing coordinates. Feet are ``doubtful`` where not every sample that may lead to a nearer point could be
-        tried, or Newton's method did not converge: they lie on the surface, and nothing nearer was found. Raise
-        InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
+        increasing coordinates; -1 elsewhere. Feet are ``doubtful`` where not every sample that may lead to a nearer
+        point could be tried, the surface curves too much for its samples, or Newton's method did not converge: they lie
+        on the surface, and nothing nearer was found. Raise InputError if ``x`` holds NaN or infinity, or its shape is
+        not (n, d).
         """
         x = as_points(x, self.dim) - self.shift
         points, distance = np.empty_like(x), np.empty(len(x))
@@ -110,13 +111,17 @@ class LevelSet:
         return ClosestPoints(points + self.shift, distance, edge, doubtful=doubtful)
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit normals at ``feet`` in the direction of phi's gradient; NaN where that vanishes."""
+        """Return (n, d) unit normals at ``feet`` in the direction of phi's gradient; NaN where that vanishes.
+
+        On a crease they are those of one face, or between those of its faces.
+        """
         return unit_or_nan(self.field.gradient(feet.points - self.shift)[1])
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) on the level set and cells (m, d), triangles or segments, of about ``spacing`` > 0.
 
-        Triangles are wound counterclockwise as seen from where phi grows; segments have that on their right.
+        The spacing is at most a sixteenth of the largest side of the box in which phi was given. Triangles are wound
+        counterclockwise as seen from where phi grows; segments have that on their right.
         """
         coarsest = float((self.box[1] - self.box[0]).max()) / LEVELSET_LEAST_CELLS
         lattice = sample_lattice(self.field, self.box, min(positive(spacing, "spacing"), coarsest))
@@ -199,7 +204,7 @@ def level_set(field: Field, trim: FormulaField | None, box: Floats, resolution: 
     """Return the level set of ``field`` in ``box`` (2, d), sampled with ``resolution`` cells along its longest side.
 
     Raise InputError if phi is not finite on the lattice of samples, has no zero set there, or one that runs out of the
-    box; or if ``trim`` leaves nothing of it.
+    box where ``trim`` <= 0; or if ``trim`` leaves nothing of it, or cuts a curve at more than two points.
     """
     size = float(norms((box[1] - box[0])[None])[0])
     spacing = float((box[1] - box[0]).max()) / resolution

@@ -11,7 +11,7 @@ from cpmkit_levelset.sampling import SampleLattice
 
 
 def marching_simplices(lattice: SampleLattice) -> tuple[Floats, Ints]:
-    """Return vertices (v, d) near the zero set, one on each crossed lattice edge, and cells (m, d) between them.
+    """Return vertices (v, d) near the zero set, one on each crossed edge of a simplex, and cells (m, d) between them.
 
     A cell of the lattice is cut into d! simplices along its diagonal (Kuhn), so that the pieces of neighbours match.
     The order of a cell's vertices has no meaning.

@@ -83,7 +83,7 @@ def surface_samples(zero_set: ZeroSet, lattice: SampleLattice) -> Floats:
 
 
 def exit_points(lattice: SampleLattice, keep: Bools) -> Floats:
-    """Return points (n, d) where the level set leaves the bounds: nodes of the outside beside a change of sign.
+    """Return points (n, d) where the level set leaves the bounds: nodes on these beside a change of sign along them.
 
     Only changes between two nodes that are both in ``keep``, (number of nodes,) bool, count.
     """

@@ -118,7 +118,7 @@ class CellTree:
 
     @cached_property
     def neighbours_along(self) -> Ints:
-        """(c, 3^m - 1) the neighbours that touch the same ends; the cell itself in place of others."""
+        """(c, 3^m - 1) the neighbours that touch all ends that the cell touches; the cell itself in place of others."""
         touches = np.isfinite(self.ends)
         same = (self.ends[self.neighbours] == self.ends[:, None]) | ~touches[:, None]
         return np.where(same.all(axis=2), self.neighbours, np.arange(len(self.ends))[:, None])
@@ -167,9 +167,10 @@ class CellTree:
 
 
 def build_tree(map: UnitMap, domain: Domain) -> CellTree:
-    """Return the tree of cells of ``map``, halved until the finest cells are flat, or are 2^15, of a surface 2^17.
+    """Return the tree of cells of ``map``, halved until 19 in 20 of the finest are flat.
 
-    Raise InputError if half of the finest cells are not flat: the map winds more often than they resolve.
+    At most, the finest are 2^15, of a surface 2^17. Raise InputError if more than half of these are not flat: the map
+    winds more often than they resolve.
     """
     shape = _coarsest_shape(map)
     m = map.count
@@ -212,7 +213,11 @@ def _winding_cells(map: UnitMap, level: Level) -> Bools:
 
 
 def _coarsest_shape(map: UnitMap) -> tuple[int, ...]:
-    """Return the numbers of the coarsest cells along each parameter, by which they are about equally long in both."""
+    """Return the number of the coarsest cells along each parameter, by which they are about equally long in both.
+
+    On a curve it is 8, on a surface a power of two from 2 to 32: images longer than 16 times their width get long
+    cells.
+    """
     if map.count == 1:
         return (8,)
     s = np.linspace(0, 1, 33)

@@ -35,7 +35,7 @@ class Descent:
 
 
 def minimize_distance(map: UnitMap, domain: Domain, x: Floats, start: Floats, longest: Floats, size: float) -> Descent:
-    """Minimise |map(s) - x| from each start.
+    """Return local minima of |map(s) - x|, one downhill from each start.
 
     Projected Newton with the Hessian's negative curvatures made positive and steps quartered while the distance grows.
     A Gauss-Newton fallback would stall where the query is near a centre of curvature.
@@ -51,7 +51,7 @@ def minimize_distance(map: UnitMap, domain: Domain, x: Floats, start: Floats, lo
     longest : (m,) float64
         Longest step, in unit parameters.
     size : float
-        Of the manifold, a length by which rounding is judged.
+        The manifold's, a length by which rounding is judged.
     """
     from cpmkit_parametric.descent_kernels import newton_steps, point_distances
 
@@ -74,8 +74,8 @@ def minimize_distance(map: UnitMap, domain: Domain, x: Floats, start: Floats, lo
 def _line_search(map: UnitMap, domain: Domain, s: Floats, x: Floats, p: Floats, step: Floats, size: float) -> Floats:
     """Return the parameters (n, m) after ``step`` (n, m) from ``s`` (n, m), or after a quarter of it, and so on.
 
-    The first share counts whose point is no farther from ``x`` (n, d) than ``p`` (n, d), the point at ``s``; after ten
-    shares ``s`` stays. ``size``, that of the manifold, judges rounding.
+    The first share counts whose point is, but for rounding, no farther from ``x`` (n, d) than ``p`` (n, d), the point
+    at ``s``; after ten shares ``s`` stays. ``size``, that of the manifold, judges rounding.
     """
     from cpmkit_parametric.descent_kernels import is_farther
 

@@ -23,7 +23,7 @@ def newton_steps(p, J, second, x, s, periodic, longest):
         The queries.
     s : (n, m) float64
     periodic : (m,) bool
-        Other parameters do not step out of [0, 1].
+        Other parameters do not step out of [0, 1] from 0 or 1; from inside they may.
     longest : (m,) float64
         Longest step along each parameter, by which the whole step is shortened.
     """
@@ -133,7 +133,10 @@ def point_distances(p, x):
 
 @compiled
 def nearest_rows(query, distance, n):
-    """Return (n,) the first row of least ``distance`` (k,), NaN the largest, of each ``query`` (k,); -1 for none."""
+    """Return (n,) the row of least ``distance`` (k,), NaN the largest, of those of each of n queries; -1 for none.
+
+    ``query`` (k,) is the query of each row. Of rows equally near it is the first.
+    """
     best = np.full(n, -1)
     for row in range(len(query)):
         one = best[query[row]]

@@ -41,7 +41,7 @@ class Differences:
     periodic: Bools
 
     def __call__(self, *columns: Floats) -> Sequence[Floats]:
-        """Return the derivatives (n, d): x', x'' or x_u, x_v, x_uu, x_uv, x_vv."""
+        """Return x', x'' or x_u, x_v, x_uu, x_uv, x_vv, each (n, d), at the parameters ``columns``, each (n,)."""
         t = np.stack(columns, axis=1)
         step = PARAMETER_STEP_SHARE * (self.upper - self.lower)
         inside = np.clip(t, self.lower + DIFFERENCE_REACH * step, self.upper - DIFFERENCE_REACH * step)

@@ -53,7 +53,7 @@ class Domain:
         return moved
 
     def wrap_parameters(self, s: Floats) -> Floats:
-        """Return parameters ``s`` (n, m) from anywhere in the domain: wrapped, and flipped, or cut at the bounds."""
+        """Return ``s`` (n, m), any numbers, as parameters in the domain: wrapped, and flipped, or cut at the bounds."""
         wrapped = np.where(self.periodic, s - np.floor(s), np.clip(s, 0.0, 1.0))
         if self.flip:
             odd = np.floor(s[:, 0]) % 2 == 1
@@ -133,7 +133,7 @@ class Sides:
     collapsed: Bools
 
     def edge(self, s: Floats) -> Ints:
-        """Return the number (n,) of the edge on which unit parameters ``s`` (n, m) lie, exactly 0 or 1; -1 inside."""
+        """Return the number (n,) of the edge at which unit parameters ``s`` (n, m) are exactly 0 or 1; -1 for none."""
         edge = np.full(len(s), -1)
         for axis in range(s.shape[1]):
             for end in (0, 1):

@@ -46,8 +46,8 @@ def curve(
     Raises
     ------
     InputError
-        If a key is not accepted, the map is not finite or constant, periodic ends do not meet to 1e-9 of the size, or
-        derivatives differ from differences by 1e-4.
+        If a key is not accepted, the map is not finite or constant, or winds or bends more often than 2^15 cells of its
+        range resolve, periodic ends do not meet to 1e-9 of the size, or derivatives differ from differences by 1e-4.
     """
     glued = [as_flag(periodic, "periodic")]
     source = build_source(_build_map(x, "t", (2, 3), [range], glued, derivatives), "t", glued, translation=translation)
@@ -87,8 +87,9 @@ def surface(
     Raises
     ------
     InputError
-        If a key is not accepted, the map is not finite or constant along a parameter, periodic ends do not meet to 1e-9
-        of the size, or derivatives differ from differences by 1e-4.
+        If a key is not accepted, the map is not finite or constant along a parameter, or winds or bends more often than
+        2^17 cells of its ranges resolve, periodic ends do not meet to 1e-9 of the size, or derivatives differ from
+        differences by 1e-4.
     """
     if glue_u not in ("straight", "flip") or (glue_u == "flip" and not periodic_u):
         raise InputError(f"glue_u must be 'straight', or 'flip' with periodic_u = true, got {shown(glue_u)}.")
@@ -106,7 +107,8 @@ def build_source(
     """Return the source of ``map``, of a class with the abilities of its dimensions, moved by ``translation`` (d,).
 
     ``names`` are the parameters' letters, ``periodic`` (m,) says whose ends are glued, ``flip`` that those of the first
-    are with the second reversed. Raise InputError if glued ends do not meet, or the map is not finite or constant.
+    are with the second reversed. Raise InputError if glued ends do not meet, or the map is not finite, is constant
+    along a parameter, or winds more often than the cells of :func:`build_tree` resolve.
     """
     domain = Domain(np.array(periodic), flip)
     size = _image_diagonal(map)
@@ -166,7 +168,7 @@ def _build_callable_map(
 
 
 def _check_derivatives(exact: Any, differences: Any, width: Floats) -> None:
-    """Raise InputError if derivatives of two jets differ by 1e-4 of the largest; ``width`` (m,) are the ranges."""
+    """Raise InputError if derivatives, times ``width`` (m,) of the ranges, differ by 1e-4 of the largest."""
     scales = (width[:, None], (width[:, None] * width)[..., None])
     for order, scale, a, b in zip(("first", "second"), scales, exact[1:], differences[1:], strict=True):
         apart, largest = np.abs((a - b) * scale).max(), np.abs(b * scale).max()
@@ -188,7 +190,7 @@ def as_range(value: Any, label: str) -> tuple[float, float]:
 
 
 def as_number(value: Any, label: str) -> float:
-    """Return a number or the finite value of a constant formula like ``"2*pi"``; raise InputError for anything else."""
+    """Return a number, be it finite or not, or the finite value of a constant formula; else raise InputError."""
     if isinstance(value, str):
         number = evaluate_constant(value, label)
         if not np.isfinite(number):

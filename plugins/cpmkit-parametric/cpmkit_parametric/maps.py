@@ -61,7 +61,7 @@ class CallableMap:
     def jet(self, t: Floats, /) -> Jet:
         """Return points (n, d), derivatives (n, m, d) and second derivatives (n, m, m, d) at ``t`` (n, m).
 
-        Raise InputError if ``derivatives`` returns another number of arrays or another shape.
+        Raise InputError if ``derivatives`` returns another number of arrays, or it or the function another shape.
         """
         wanted = self.count + self.count * (self.count + 1) // 2
         with np.errstate(all="ignore"):
@@ -143,7 +143,7 @@ class UnitMap:
         return self.map.value(self.user_parameters(s))
 
     def jet(self, s: Floats, /) -> Jet:
-        """Return points (n, d), derivatives (n, m, d), (n, m, m, d) by unit parameters ``s``, 0 if not finite."""
+        """Return points (n, d), derivatives (n, m, d), (n, m, m, d) by unit parameters ``s``; these 0 if not finite."""
         from cpmkit_parametric import unit_kernels
 
         p, J, H = self.map.jet(self.user_parameters(s))

@@ -10,7 +10,10 @@ from cpmkit_parametric.maps import UnitMap
 
 
 def curve_mesh(map: UnitMap, domain: Domain, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, d) on the curve and segments (m, 2) of equal arcs up to ``spacing``, in order of travel."""
+    """Return vertices (v, d) on the curve and segments (m, 2) of equal arcs up to ``spacing``, in order of travel.
+
+    A closed curve has at least three segments.
+    """
     s, arc = map.arc_lengths
     closed = bool(domain.periodic[0])
     count = max(int(np.ceil(arc[-1] / spacing)), 3 if closed else 1)
@@ -23,7 +26,10 @@ def curve_mesh(map: UnitMap, domain: Domain, spacing: float) -> tuple[Floats, In
 
 
 def surface_mesh(map: UnitMap, domain: Domain, sides: Sides, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 3) and triangles (m, 3), along x_u x x_v if two-sided, of legs up to about ``spacing``."""
+    """Return vertices (v, 3) and triangles (m, 3), with legs along u and v up to about ``spacing``.
+
+    Normals of the triangles are along x_u x x_v; on a flipped domain they change sides where its ends are glued.
+    """
     least = np.where(domain.periodic, 3, 1 + sides.collapsed.all(axis=1))
     counts = [_count_intervals(map, axis, spacing, int(least[axis])) for axis in (0, 1)]
     n, m = counts
@@ -39,7 +45,10 @@ def surface_mesh(map: UnitMap, domain: Domain, sides: Sides, spacing: float) -> 
 
 
 def _vertex_numbers(i: Ints, j: Ints, counts: list[int], domain: Domain, sides: Sides) -> Ints:
-    """Return the number (k,) of the vertex that stands for each corner ``i``, ``j`` (k,) of ``counts`` cells."""
+    """Return the number (k,) of the vertex at each corner ``i``, ``j`` (k,) of a grid of ``counts`` (2) cells.
+
+    Corners that are glued, or on the same pole, have one number.
+    """
     n, m = counts
     if domain.periodic[0]:
         across = i == n

@@ -24,7 +24,7 @@ def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, tr
     """Return the knot that winds ``a`` times about the axis and ``b`` times about the core of a torus, t in [0, 2 pi].
 
     King et al. (2024), eq. 21, where ``major`` is 3 and ``minor`` 1. The trefoil is a = 2, b = 3. Raise InputError if a
-    value is not as stated, or a and b share a factor.
+    value is not as stated, a and b share a factor, or the knot winds more often than 2^15 arcs resolve.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, tr
 def helix(*, radius: Any = 1.0, pitch: Any = 1.0, turns: Any = 2.0, translation: Any = None) -> Curve:
     """Return the helix about the z axis that starts at (radius, 0, 0) and rises by ``pitch`` a turn; t is the angle.
 
-    Raise InputError if a number is not above zero.
+    Raise InputError if a number is not above zero, or there are more turns than 2^15 arcs resolve.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def planar_curve(*, a: Any = 3, b: Any = 4, c: Any = -0.5, translation: Any = No
     """Return the closed diffusion curve in the plane of King et al. (2024), eq. 22: (v cos t + c, v sin t + c).
 
     There v = (cos t ((a + b) / 2 + sin a t + sin b t) + (a + b) / 2) / (a + b), t in [0, 2 pi]. Raise InputError if a
-    value is not as stated.
+    value is not as stated, or the curve bends more often than 2^15 arcs resolve.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def revolution(
     """Return the surface that a profile sweeps about the z axis; u is the angle and v the profile's t.
 
     Normals point away from the axis where the height grows with t. Raise InputError if a value is not as stated, the
-    distance is negative, or the ends of a periodic profile do not meet.
+    distance is negative, the ends of a periodic profile do not meet, or as :func:`surface` for the map.
 
     Parameters
     ----------

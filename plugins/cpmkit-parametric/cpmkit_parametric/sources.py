@@ -81,8 +81,8 @@ class Parametric:
         """Return the closest points of ``x`` (n, d); ``local`` holds the user's parameters (n, m).
 
         ``edge`` is 0 or 1 at the start or end of a curve, the loop's number, as in :class:`Sides`, on the edge of a
-        surface. Feet are ``doubtful`` without convergence or where the image crosses itself. Raise InputError if ``x``
-        holds NaN or infinity, or its shape is not (n, d).
+        surface, -1 elsewhere. Feet are ``doubtful`` without convergence or where the image crosses itself. Raise
+        InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         queries = as_points(x, self.dim) - self.shift
         if len(queries) <= PARAMETRIC_PARCEL_QUERIES:
@@ -178,7 +178,7 @@ class Surface(Parametric):
     """A surface that may be one-sided and has no normals."""
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, 3) and triangles (m, 3), along x_u x x_v if two-sided, of legs up to ``spacing`` > 0."""
+        """Return vertices (v, 3) and triangles (m, 3) as :func:`surface_mesh`, for ``spacing`` > 0."""
         vertices, cells = surface_mesh(self.map, self.domain, self.sides, positive(spacing, "spacing"))
         return vertices + self.shift, cells
 
@@ -187,7 +187,10 @@ class OrientedSurface(Surface):
     """A surface with two sides."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit normals (n, 3) at ``feet`` along x_u x x_v; at a pole, the mean around it."""
+        """Return the unit normals (n, 3) at ``feet`` along x_u x x_v.
+
+        At a pole, where that is zero, it is the mean around it; elsewhere, the value just inside of the range.
+        """
         s = self._unit_parameters(feet)
         normals = self._cross_products(s)
         poles = np.linalg.norm(normals, axis=1) < VANISHING_DERIVATIVE_SHARE * self.size**2
@@ -200,7 +203,7 @@ class OrientedSurface(Surface):
         return np.asarray(np.cross(J[:, 0], J[:, 1]))
 
     def _pole_normals(self, s: Floats) -> Floats:
-        """Return the sum (k, 3) of x_u x x_v around each of ``s`` (k, 2) at a pole; at others, just inside of it."""
+        """Return the sum (k, 3) of x_u x x_v around each of ``s`` (k, 2) at a pole, else that just inside of it."""
         total = np.zeros((len(s), 3))
         for axis in (0, 1):
             if not self.sides.collapsed[axis].any():

@@ -11,8 +11,8 @@ from cpmkit.plugin import compiled
 def find_starts(x, found, neighbours, neighbours_along, ends, shape, centres, inverses, most):
     """Return the query (k,) and the unit parameters (k, m) of each start, sorted by query.
 
-    One in each cell that is nearer than its neighbours, the nearest first, then one in each such cell along the ends;
-    at most ``most`` of both for a query.
+    First one in each cell that is nearer to the query than its neighbours, the nearest first; then one in each cell at
+    an end that is nearer than its neighbours along the end. At most ``most`` of either kind for a query.
 
     Parameters
     ----------
@@ -75,7 +75,10 @@ def _is_nearer(one, other, cell, distance):
 
 @compiled
 def _is_local_minimum(pair, cell, distance, place, around):
-    """Return whether no cell in ``around`` (c, k), of those with a pair ``place`` (c,) >= 0, is nearer than a pair."""
+    """Return whether the cell of ``pair`` is nearer to its query than its neighbours ``around`` (c, k).
+
+    Only neighbours count that have a pair of the same query, which is ``place`` (c,) >= 0.
+    """
     for k in range(around.shape[1]):
         other = place[around[cell[pair], k]]
         if other >= 0 and _is_nearer(other, pair, cell, distance):
@@ -85,7 +88,10 @@ def _is_local_minimum(pair, cell, distance, place, around):
 
 @compiled
 def _insert_sorted(chosen, count, pair, cell, distance):
-    """Insert a pair by distance among the first ``count`` of ``chosen``, in place; return how many there are then."""
+    """Insert a pair by distance among the first ``count`` of ``chosen``, in place; return how many there are then.
+
+    If ``chosen`` is full, the farthest drops out.
+    """
     at = count
     while at > 0 and _is_nearer(pair, chosen[at - 1], cell, distance):
         at -= 1
@@ -100,7 +106,10 @@ def _insert_sorted(chosen, count, pair, cell, distance):
 
 @compiled
 def _fill_parameters(x, cell, shape, centres, inverses, parameters):
-    """Fill in the unit parameters (m,) in a finest cell at which its disc is nearest to ``x`` (d,)."""
+    """Fill in the unit parameters (m,) of the projection of ``x`` (d,) on the plane of a finest cell's spans.
+
+    Each parameter is clamped to the cell by itself: on a skew cell this is not the nearest point.
+    """
     m = len(shape)
     rest = cell
     for i in range(m - 1, -1, -1):
