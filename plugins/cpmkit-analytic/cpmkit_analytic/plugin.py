@@ -30,7 +30,7 @@ def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
 
 @hookimpl
 def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
-    """Return the cases; imported here because they need the test extra."""
+    """Return the conformance cases of all nine kinds; imported here because they need the test extra."""
     from cpmkit_analytic.cases import conformance_cases
 
     return conformance_cases()

@@ -98,7 +98,7 @@ def _factory(factory: Callable[..., TriangleMesh | Polyline], **keys: Any) -> Ca
     return lambda: factory(**keys)
 
 
-def _grid(columns: int, rows: int, wrap: bool) -> Ints:
+def _ring_triangles(columns: int, rows: int, wrap: bool) -> Ints:
     """Return (m, 3) triangles between ``rows`` rings of ``columns`` vertices; with ``wrap`` the last joins ring 0."""
     i, j = np.divmod(np.arange((rows if wrap else rows - 1) * columns), columns)
     a, b = i * columns + j, i * columns + (j + 1) % columns
@@ -112,7 +112,7 @@ def _torus_case_mesh(columns: int = 48, rows: int = 24) -> Mesh:
     v, u = np.divmod(np.arange(columns * rows), columns)
     u, v = 2 * np.pi * u / columns, 2 * np.pi * v / rows
     points = np.stack([(1 + 0.4 * np.cos(v)) * np.cos(u), (1 + 0.4 * np.cos(v)) * np.sin(u), 0.4 * np.sin(v)], axis=1)
-    return points, _grid(columns, rows, wrap=True)
+    return points, _ring_triangles(columns, rows, wrap=True)
 
 
 def _cone(columns: int = 48, rows: int = 9) -> Mesh:
@@ -120,7 +120,7 @@ def _cone(columns: int = 48, rows: int = 9) -> Mesh:
     z, u = np.divmod(np.arange(columns * rows), columns)
     u, z = 2 * np.pi * u / columns, z / (rows - 1)
     radius = 1.0 - 0.2 * z
-    return np.stack([radius * np.cos(u), radius * np.sin(u), z], axis=1), _grid(columns, rows, wrap=False)
+    return np.stack([radius * np.cos(u), radius * np.sin(u), z], axis=1), _ring_triangles(columns, rows, wrap=False)
 
 
 def _two_tori() -> Mesh:
@@ -129,7 +129,7 @@ def _two_tori() -> Mesh:
 
 
 def _plane() -> Mesh:
-    """Return a tilted plane of 7 by 7 vertices."""
+    """Return a tilted rectangle of 7 by 7 vertices."""
     x, y = np.divmod(np.arange(49), 7)
     a = np.flatnonzero((x < 6) & (y < 6))
     faces = np.concatenate([np.stack([a, a + 7, a + 8], axis=1), np.stack([a, a + 8, a + 1], axis=1)])
@@ -137,7 +137,7 @@ def _plane() -> Mesh:
 
 
 def _wedge() -> Mesh:
-    """Return two planes that meet at a right angle along an edge of three vertices."""
+    """Return two rectangles that meet at a right angle along a crease of three vertices, the first three."""
     x = np.array([0.0, 0.7, 1.5])
     ridge, left, right = (np.stack([x, 0 * x + y, 0 * x + z], axis=1) for y, z in ((0, 0), (-1, -1), (1, -1)))
     lower = np.array([[0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2]])

@@ -118,7 +118,8 @@ def tilt_rim_normals(vertices: Floats, faces: Ints, adjacency: Topology, normals
 
     ``faces`` (m, 3) are triangles between ``vertices`` (k, 3). Those of a rim vertex all lie on one side, so that its
     averaged normal leans inwards. The tilt is the least one that fits in the sense of least squares; one above
-    :data:`MAX_TILT_RADIANS` is left out. The winding must be consistent.
+    :data:`MAX_TILT_RADIANS` is left out, and vertices without inner neighbours have none. The winding must be
+    consistent.
     """
     on_rim = np.zeros(len(vertices), dtype=bool)
     on_rim[adjacency.boundary] = True

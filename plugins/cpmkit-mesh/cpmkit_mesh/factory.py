@@ -27,7 +27,7 @@ def triangles(
     crease_angle: float = 40.0,
     weld: float | None = None,
 ) -> TriangleMesh:
-    """Return a triangle mesh from a file or from arrays.
+    """Return the source of a triangle mesh from a file or from arrays, repaired where it has defects.
 
     Raise InputError if both or neither of file and arrays are given, the file cannot be read, the arrays are empty or
     of another shape, a face uses a vertex that is not there, not finite or too large, a polygon crosses itself, no

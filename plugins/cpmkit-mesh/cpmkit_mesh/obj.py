@@ -56,7 +56,7 @@ def read_obj(data: bytes) -> tuple[Floats, Polygons]:
 
 
 def split_lines(data: bytes) -> list[tuple[int, list[str]]]:
-    """Return the line number and the words of each line of an OBJ file that is not empty; a last backslash joins lines.
+    """Return the line number and the words of each nonempty line of an OBJ file; a backslash at its end joins the next.
 
     A joined line has the number of its last part; a last line that ends with a backslash has the number 0.
     """
@@ -73,6 +73,7 @@ def split_lines(data: bytes) -> list[tuple[int, list[str]]]:
 
 
 def _is_unit(word: str) -> bool:
+    """Return whether ``word`` is the number 1, as the weight of a vertex must be."""
     try:
         return float(word) == 1.0
     except ValueError:

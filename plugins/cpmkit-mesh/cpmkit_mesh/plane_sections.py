@@ -54,6 +54,7 @@ class PlaneSection(Polyline):
 
     @cached_property
     def _vertex_sums(self) -> Floats:
+        """(k, 3) the sum of the conormals of the segments that start or end at each vertex."""
         sums = np.zeros_like(self.vertices)
         np.add.at(sums, self.segments, self.conormals[:, None])
         return sums

@@ -141,12 +141,15 @@ class Polyline:
         return self.given_points, self.given_index[self.segments]
 
     def translate(self, offset: Floats, /) -> Polyline:
-        """Return a new polyline with vertices and given points translated by ``offset`` (d,)."""
+        """Return a new polyline with vertices and given points translated by ``offset`` (d,).
+
+        Raise InputError if ``offset`` is not d finite numbers.
+        """
         shift = as_vector(offset, self.dim, "offset")
         return replace(self, vertices=self.vertices + shift, given_points=self.given_points + shift)
 
     def _locate(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
-        """Return the segment (n,) of each closest point in ``feet`` and its share (n,) of the segment's length.
+        """Return the segment (n,) of each closest point in ``feet`` and the share (n,) of its length before it.
 
         Raise InputError if ``feet`` lack ``element`` or ``local``: another source returned them.
         """

@@ -58,7 +58,7 @@ def _parse_short_int(word: str) -> int:
 
 
 def _first_bad_position(words: Sequence[str], read: type[float] | object) -> int:
-    """Return position of the first word that the conversion ``read`` refuses; the last position if it accepts all."""
+    """Return the position of the first word that the conversion ``read`` refuses, the last one if it accepts all."""
     for place, word in enumerate(words):
         try:
             if not _is_plain([word]):

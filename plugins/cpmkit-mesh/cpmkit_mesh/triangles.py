@@ -54,7 +54,7 @@ class MeshAdvice(Advice):
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each repair of the mesh and each property that may make a solution inaccurate."""
+        """Warnings that hold in any form: repairs, several pieces and, if smooth, triangles off which normals lean."""
         return self.mesh.all_warnings()
 
     @cached_property
@@ -202,7 +202,10 @@ class TriangleMesh:
         return vertices + self.shift, faces
 
     def translate(self, offset: Floats, /) -> TriangleMesh:
-        """Return the mesh translated by ``offset`` (3,); it shares advice, edges and components with this mesh."""
+        """Return the mesh translated by ``offset`` (3,); it shares advice, edges and components with this mesh.
+
+        Raise InputError if ``offset`` is not 3 finite numbers.
+        """
         offset = as_vector(offset, 3, "offset")
         mesh = self.repaired.mesh.with_same_cells(vertices=self.vertices + offset)
         made = replace(self, repaired=replace(self.repaired, mesh=mesh), shift=self.shift + offset)
@@ -328,7 +331,7 @@ class TriangleMesh:
 
     @cached_property
     def _loop_of_edge(self) -> Ints:
-        """(m, 3) the boundary loop of each edge of each triangle, -1 for inner edges."""
+        """(m, 3) the boundary loop of each edge of each triangle, -1 for edges of two triangles or more."""
         loops = np.full(self.faces.shape, -1)
         side = self.adjacency.neighbours
         boundary = side <= FIRST_BOUNDARY
@@ -337,7 +340,7 @@ class TriangleMesh:
 
     @cached_property
     def _loop_of_vertex(self) -> Ints:
-        """(k,) the number of a boundary loop through each vertex, -1 for inner vertices."""
+        """(k,) the number of the boundary loop through each vertex, -1 for inner vertices."""
         loops = np.full(len(self.vertices), -1)
         loops[self.adjacency.boundary] = self.adjacency.loop[:, None]
         return loops
@@ -357,6 +360,7 @@ class TriangleMesh:
 
     @cached_property
     def _interpolated_normals(self) -> InterpolatedNormals:
+        """The normals that closest points follow, by slots of the tree."""
         if self._original is not self:  # a translated tree has the same slots
             return translate_normals(self._original._interpolated_normals, self.vertices, self.adjacency)
         return interpolated_normals(self.vertices, self.adjacency, self._normals_to_follow, self._tree.order)

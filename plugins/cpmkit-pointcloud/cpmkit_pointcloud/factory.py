@@ -97,7 +97,7 @@ def _neighbour_count(degree: Any, neighbours: Any, dim: int) -> int:
 
 
 def _fit_cloud(cloud_points: Floats, normals: Floats | None, degree: int, count: int, closed: bool) -> PointCloud:
-    """Return the cloud of patches of ``degree``, each fitted to ``count`` samples, through ``cloud_points`` (n, d).
+    """Return the cloud of patches of ``degree``, each fitted to ``count`` of ``cloud_points`` (n, d) at most.
 
     ``normals`` (n, d) are unit vectors or None. Raise InputError if fewer than d + 1 points differ, a normal is
     opposite to those of all neighbours, or the cloud is open and ``closed`` is true.

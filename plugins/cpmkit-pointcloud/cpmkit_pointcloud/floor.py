@@ -56,21 +56,22 @@ def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats
 
 
 def fitted_floor(slope: float, width: float, spacing: float, dim: int) -> float:
-    """Return the error, at most 1, relative to the range of a solution on a surface with slope error ``slope``.
+    """Return the error by the form ``collocation``, relative to a solution's range and at most 1, on a fitted surface.
 
-    ``width`` of the bumps and the grid's ``spacing`` have one unit of length; ``dim`` is that of the space. A lattice
-    that is finer than the bumps follows them, and what their slopes cost falls with the square of the spacing. What is
-    left is that a bumpy surface is larger than a smooth one, by the square of its slope.
+    ``slope`` and ``width`` are those of :func:`slope_error`; ``width`` of the bumps and the grid's ``spacing`` have one
+    unit of length; ``dim`` is that of the space. A lattice that is finer than the bumps follows them, and what their
+    slopes cost falls with the square of the spacing. What is left is that a bumpy surface is larger than a smooth one,
+    by the square of its slope.
     """
     followed = min(1.0, (spacing / width) ** 2)
     return min(1.0, ERROR_PER_SLOPE[dim] * slope * followed + ERROR_PER_SLOPE_SQUARED * slope**2)
 
 
 def integral_floor(slope: float, noise: float, count: int) -> float:
-    """Return the error by the form ``galerkin``, relative to the range and at most 1, for ``count`` samples.
+    """Return the error by the form ``galerkin``, relative to a solution's range and at most 1, for ``count`` samples.
 
-    ``slope`` is the slope error, ``noise`` the samples' root mean square distance from the surface, as a share of its
-    longest side.
+    ``slope`` is that of :func:`slope_error`, ``noise`` the samples' root mean square distance from the surface, over
+    the longest side of the cloud's box.
     """
     shift = noise / float(np.sqrt(count))
     return min(1.0, INTEGRAL_ERROR_PER_SLOPE_SQUARED * slope**2 + INTEGRAL_ERROR_PER_SHIFT * shift)

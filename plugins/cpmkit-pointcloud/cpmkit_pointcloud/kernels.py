@@ -334,7 +334,8 @@ def fill_feet(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge,
 def fill_normals(y, start, stop, element, cloud, normal):
     """Fill rows ``start`` to ``stop`` of ``normal`` (n, 3) with unit gradients at feet ``y`` (n, 3).
 
-    They are on the side of the patch of ``element`` (n,), the nearest samples; ``cloud`` is :attr:`Blend.arrays`.
+    They are on the side of the patch of ``element`` (n,), the nearest samples, and NaN where no patch reaches;
+    ``cloud`` is :attr:`Blend.arrays`.
     """
     g = np.empty(3)
     for k in range(start, stop):

@@ -20,7 +20,7 @@ def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
 
 @hookimpl
 def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
-    """Return clouds on a sphere, a torus and a plane curve."""
+    """Return the conformance cases: clouds on a sphere, a torus and a plane curve."""
     from cpmkit_pointcloud.conformance import cases
 
     return cases()

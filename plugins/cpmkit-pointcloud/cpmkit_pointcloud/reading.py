@@ -35,8 +35,9 @@ def read_points(path: str | Path) -> np.ndarray:
     Parameters
     ----------
     path : str or Path
-        A PLY file, of which the vertices are read; a text file (``.xyz``, ``.txt``, ``.csv``) with two or more numbers
-        a row, of which the first three (or two) are read; a ``.npy`` file; or a PCD file, for which Open3D is needed.
+        A PLY file, of which the vertices are read; a text file (``.xyz``, ``.txt``, or ``.csv`` with commas) with two
+        or more numbers a row, as many in each, of which the first three (or two) are read; a ``.npy`` file; or a PCD
+        file, for which Open3D is needed.
 
     Returns
     -------

@@ -51,7 +51,7 @@ def rim_samples(surface: Blend, tree: cKDTree, rows: Ints) -> tuple[Ints, Floats
 
 
 def count_open_samples(surface: Blend, tree: cKDTree, tiny: float) -> tuple[int, int]:
-    """Return the number of samples at an edge of the surface, 0 if it may be chance, and of examined samples.
+    """Return the number of samples at an edge of the surface, 0 if these may be chance, and that of samples examined.
 
     ``tree`` is that of the samples, of which :data:`RIM_CANDIDATES` at most, of a fixed seed, are examined; ``tiny`` is
     the length of a last step of the searches.

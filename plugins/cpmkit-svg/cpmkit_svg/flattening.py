@@ -11,7 +11,7 @@ TOLERANCE_SHARE, MOST_CHORDS = 1e-5, 2000
 
 
 def flatten_cubics(cubics: Floats) -> Floats:
-    """Return points (p, 2) along ``cubics`` (k, 4, 2), each of which starts where the last ended, and their ends.
+    """Return points (p, 2) along a chain of ``cubics`` (k, 4, 2), from its start to its end, all cubics' ends included.
 
     The chords deviate from the curve by at most :data:`TOLERANCE_SHARE` of the longest side of the control points' box,
     unless a cubic needs more than :data:`MOST_CHORDS`. For c chords at equal steps of its parameter the deviation is at

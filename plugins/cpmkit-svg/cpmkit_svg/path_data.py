@@ -64,6 +64,7 @@ class _Pen:
     """The pen's position and the subpaths that it has drawn."""
 
     def __init__(self) -> None:
+        """Put the pen at the origin, with nothing drawn."""
         self.at, self.begin = np.zeros(2), np.zeros(2)
         self.handle, self.handle_of = np.zeros(2), ""  # the last control point, which S and T reflect
         self.cubics: list[Floats] = []

@@ -20,7 +20,7 @@ def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
 
 @hookimpl
 def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
-    """Return an open and a closed curve, with lines, arcs and cubics."""
+    """Return the conformance cases of SVG path data: open and closed curves of lines, arcs and cubics."""
     from cpmkit_svg.conformance import cases
 
     return cases()

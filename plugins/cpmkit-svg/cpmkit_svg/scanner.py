@@ -34,7 +34,7 @@ class Scanner:
         return [self._number() for _ in range(count)]
 
     def flag(self) -> bool:
-        """Return the next flag, 0 or 1, without a separator after it; raise InputError if there is none."""
+        """Return whether the next flag is 1, not 0; no separator need follow it. Raise InputError if there is none."""
         return self._expect(FLAG, "a flag, 0 or 1,") == "1"
 
     def number_follows(self) -> bool:
@@ -57,7 +57,7 @@ class Scanner:
         return InputError(f"{self.label}: {expected} was expected at character {self.place + 1}, got {got}.")
 
     def _number(self) -> float:
-        """Return the next number and move past it; raise InputError if there is none, or none of single precision."""
+        """Return the next number and move past it; raise InputError if none follows, or it exceeds single precision."""
         before = self.place
         number = float(self._expect(NUMBER, "a number"))
         if abs(number) > LARGEST_NUMBER:

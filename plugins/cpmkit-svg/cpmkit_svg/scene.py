@@ -63,7 +63,7 @@ def draw(
     file, png : path
         The SVG file, and the PNG file to write.
     width : int
-        In pixels; the height is that of the canvas in proportion.
+        In pixels, from 1 to 16,384; the height is that of the canvas in proportion.
     spacing : float, optional
         Of the lattice, in the drawing's unit; by default a two-hundredth of the canvas' larger side. Colours of curves
         nearer to each other than a few spacings mix.
