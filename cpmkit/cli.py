@@ -21,7 +21,7 @@ from cpmkit.commands.study import study
 def new(name: str) -> None:
     """Write a first scene, NAME.toml, to run and to change.
 
-    A file that is there already is left alone.
+    It is an error if the file exists; it is then left alone.
     """
     from cpmkit.scenefile.examples import write_first_scene
 
@@ -257,7 +257,7 @@ def plugins(kind: str | None, as_json: bool) -> None:
 def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
     """Report what is installed, whether pictures can be drawn, and whether a scene loads.
 
-    The first thing to send along with a question.
+    The first thing to send along with a question. Exits with 1 if the scene does not load.
     """
     from cpmkit.commands.doctor import diagnose
 

@@ -42,7 +42,8 @@ class Solution(SolutionRecord):
 
         It is computed by solving on a lattice of twice the spacing, for about a quarter of the cost of the solution.
 
-        Raises CpmkitError if the scene cannot be solved at twice the spacing, or the solution has no lattice.
+        Raises CpmkitError if the scene cannot be solved at twice the spacing, or the solution has no lattice, was made
+        with ``estimate=False``, or its form has no estimate.
         """
         return self.estimated or self._error
 
@@ -89,25 +90,25 @@ class Solution(SolutionRecord):
         return show(self, **options)
 
     def to_pyvista(self, vertices: str = "display") -> Any:
-        """Return a ``pyvista.PolyData`` with point data ``u``; vertices as for :meth:`save`."""
+        """Return a ``pyvista.PolyData`` with point data ``u``; vertices as for :meth:`save`. Needs pyvista."""
         from cpmkit.saving.mesh_files import to_pyvista
 
         return to_pyvista(self, vertices)
 
     def to_trimesh(self, vertices: str = "display") -> Any:
-        """Return a ``trimesh.Trimesh`` with the vertex attribute ``u``; vertices as for :meth:`save`."""
+        """Return a ``trimesh.Trimesh`` with the vertex attribute ``u``; vertices as for :meth:`save`. Needs trimesh."""
         from cpmkit.saving.mesh_files import to_trimesh
 
         return to_trimesh(self, vertices)
 
     def to_meshio(self, vertices: str = "display") -> Any:
-        """Return a ``meshio.Mesh`` with point data ``u``; vertices as for :meth:`save`."""
+        """Return a ``meshio.Mesh`` with point data ``u``; vertices as for :meth:`save`. Needs meshio."""
         from cpmkit.saving.mesh_files import to_meshio
 
         return to_meshio(self, vertices)
 
     def to_polyscope(self, name: str = "solution", vertices: str = "display") -> Any:
-        """Register the mesh with polyscope as ``name``, and return polyscope's mesh; vertices as for :meth:`save`."""
+        """Register the mesh as ``name`` with polyscope, which is needed, and return it; vertices as in :meth:`save`."""
         from cpmkit.saving.mesh_files import to_polyscope
 
         return to_polyscope(self, name, vertices)

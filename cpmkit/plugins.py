@@ -96,20 +96,14 @@ def load_plugin(kind: str) -> Any:
 
 @cache
 def _entry_point(kind: str) -> EntryPoint:
-    """Return the entry point of ``kind``; the metadata are read at the first use of the kind only.
-
-    Raises PluginError if no installed distribution declares the kind.
-    """
+    """Return the entry point of ``kind``, read once; raise PluginError if no installed distribution declares it."""
     for point in entry_points(group=KINDS_GROUP, name=kind):
         return point
     raise PluginError(_unknown_kind_message(kind))
 
 
 def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
-    """Return the factory of ``kind`` that its plugin returns from the hook named ``hook``.
-
-    Raises PluginError if the kind is unknown, or the plugin does not return it from this hook.
-    """
+    """Return the factory of ``kind`` from this ``hook`` of its plugin; raise PluginError if unknown or not there."""
     plugin = load_plugin(kind)
     others = [other for other in manager().get_plugins() if other is not plugin]
     answers: list[Mapping[str, Callable[..., Any]]] = manager().subset_hook_caller(hook, others)()
@@ -132,10 +126,10 @@ def any_factory(kind: str) -> tuple[str, Callable[..., Any]]:
 
 
 def call_factory(make: Callable[..., Product], label: str, table: Mapping[str, Any]) -> Product:
-    """Return ``make(**table)`` for a table of a scene file, after a check of its keys and of the types of their values.
+    """Return ``make(**table)`` for a table of a file or for keywords, after a check of keys and of types of values.
 
     ``label`` is the name of the table in messages. Raises SceneError if a key is unknown, a required key is missing, or
-    a value does not have its declared plain type.
+    a value does not have its declared plain type; other errors as ``make``.
     """
     check_keys(make, label, table)
     accepted = _accepted_parameters(make)
@@ -147,15 +141,15 @@ def call_factory(make: Callable[..., Product], label: str, table: Mapping[str, A
 
 
 def check_keys(make: Callable[..., Any], label: str, keys: Iterable[str], further_keys: Sequence[str] = ()) -> None:
-    """Check that ``keys`` of the table ``label`` are parameters of the factory ``make`` or among ``further_keys``.
+    """Check that keys of a table, or keywords, are parameters of the factory ``make`` or among ``further_keys``.
 
-    Raises SceneError for the first other key, with the accepted keys and a suggestion.
+    Raises SceneError for the first other key; messages call the table ``label``, and have the accepted keys.
     """
     check_accepted(label, sorted(keys), (*further_keys, *_accepted_parameters(make)))
 
 
 def check_accepted(label: str, keys: Iterable[str], accepted: Sequence[str]) -> None:
-    """Raise SceneError for the first of ``keys`` of the table ``label`` that is not in ``accepted``."""
+    """Raise SceneError for the first of ``keys`` not in ``accepted``; messages call their table or owner ``label``."""
     unknown = next((key for key in keys if key not in accepted), None)
     if unknown is not None:
         raise SceneError(
@@ -192,7 +186,8 @@ def source(kind: str, **keys: Any) -> ClosestPointSource:
     PluginError
         If no installed plugin offers the kind.
     InputError
-        If a key is unknown or missing, its value is not accepted, or a file is in none of these places.
+        If a key is unknown or missing, its value is not accepted, or a file is in none of these places; others as
+        the kind raises them.
 
     Examples
     --------

@@ -76,7 +76,7 @@ class Prepared(Generic[Family]):
             Conditions of the same kinds with other data, by boundary: ``{"cut": Dirichlet(2)}``, ``{"cut": {"left":
             ..., "right": ...}}``, and ``{"edge": ...}`` for the edge.
         guess : Solution, optional
-            A solution on the same tables; the initial guess of an iterative solver in steady problems.
+            A solution on the same tables, at which iterations of steady problems, also Newton's, start; else not used.
         **options
             Other options are refused.
 

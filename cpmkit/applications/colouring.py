@@ -141,7 +141,7 @@ def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
 def _read_curve_colours(name: Path, label: str) -> Floats:
     """Return the rows of the file ``name``, .npy or .csv, unchecked: (k, 3) colours, or (k, 4) with shares of length.
 
-    Raises InputError, by ``label`` for a .csv, if the file is not readable.
+    Raises InputError, which for a .csv names the colours as ``label``, if the file is missing or not readable.
     """
     file = find_file(name)
     if file.suffix.lower() == ".npy":
@@ -159,8 +159,8 @@ def prescribed_range(scene: ck.Scene, spacing: float) -> Floats:
     """Return the least and the largest value of three channels that Dirichlet conditions prescribe, (2, 3), in [0, 1].
 
     By the maximum principle a harmonic function stays between them if all other conditions are zero fluxes. The result
-    is 0 and 1 if another condition is no zero flux, or if a function is prescribed on a curve without a mesh. Functions
-    are sampled ``spacing`` apart.
+    is 0 and 1 if another condition is no zero flux, or a function is prescribed on the edge, on a curve without a mesh
+    or for one channel of several. Functions are sampled ``spacing`` apart.
     """
     conditions: list[tuple[Any, Any]] = [(condition, None) for condition in scene.edge_conditions]
     for boundary in scene.boundaries:
@@ -171,7 +171,7 @@ def prescribed_range(scene: ck.Scene, spacing: float) -> Floats:
 
 
 def _prescribed_values(condition: Any, curve: ClosestPointSource | None, spacing: float) -> Floats:
-    """Return the values (k, 3) that a condition prescribes: k = 0 for zero flux, rows of 0 and of 1 if unknown.
+    """Return the values (k, 3) that a condition prescribes: k = 0 for Neumann(0), rows of 0 and of 1 if unknown.
 
     A function is sampled ``spacing`` apart on ``curve``, the source of its boundary; None for the edge.
     """
@@ -208,16 +208,17 @@ class ColouredSurface(Result):
     ends: Floats
 
     def evaluate(self, points: Any, side: Any = None) -> Floats:
-        """Return the colours (n, 3), from 0 to 1, at the points of the manifold nearest to ``points`` (n, d).
+        """Return red, green and blue at ``points``, each clipped to the range of the prescribed colours.
 
-        ``side`` is the side of points on a curve, as for :meth:`cpmkit.Solution.evaluate`.
+        ``points`` (n, d) or (d,), ``side``, shapes and errors are as for :meth:`cpmkit.Solution.evaluate`: (n, 3), for
+        ``side="both"`` (n, 2, 3), without the first axis for one point.
         """
         return self.clip(self.solution.evaluate(points, side))
 
     limited = DeprecatedMember("clip")
 
     def clip(self, colours: Floats) -> Floats:
-        """Return colours (n, 3) clipped to the range of the prescribed colours."""
+        """Return ``colours`` (..., 3) with each channel clipped to the range of the prescribed colours."""
         return np.asarray(np.clip(colours, *self.ends))
 
     def drawable(self) -> Solution:
@@ -256,7 +257,8 @@ def diffusion_curves(
     Raises
     ------
     InputError, SceneError
-        If an argument is not accepted, or a piece of the manifold has no colour on any side of a curve.
+        If an argument is not accepted, or a piece of the manifold has no colour on any side of a curve; others as
+        :func:`cpmkit.solve` raises them.
 
     Examples
     --------

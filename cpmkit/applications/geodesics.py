@@ -57,7 +57,7 @@ def transport_distance(
     ``field``: the unit vectors X (p, d) along which phi grows.
     ``prescribed`` (p,): the points at which phi is prescribed, by a penalty.
     ``target`` (p,): the values of phi there.
-    ``sign``, number or (p,): 1, 0 or -1, the sign of phi: it is transported along X where positive, else against X.
+    ``sign``, number or (p,): the sign of phi, 1, -1 or 0: it is transported along X, against X, or not at all.
     ``guess``: initial guess of iterative solvers; None for zero.
     """
     h = prepared.discretized.spacing
@@ -85,7 +85,7 @@ class Distance(Measured):
         """Return the distance (n,), zero or above, at the points of the manifold nearest to ``points`` (n, d).
 
         Within two spacings of an origin it is the straight distance, except on the far side of a thin part; on pieces
-        without an origin it is infinite.
+        without an origin it is infinite. Raises InputError as :meth:`cpmkit.Solution.evaluate`, and for one point (d,).
         """
         surface, h = self.solution.scene.surface, self.solution.spacing
         at = as_points(points, surface.dim)
@@ -99,17 +99,15 @@ class Distance(Measured):
         return np.where(self.reached[self.pieces.piece_numbers(self.solution.discretized, feet)], distance, np.inf)
 
     def at_vertices(self) -> Floats:
-        """Return the distance (n,) at the vertices from which the surface was made, as ``Solution.at_vertices`` does.
-
-        Raises InputError if the surface was not made from vertices.
-        """
+        """Return the distance (n,) at the vertices that the user gave, as ``Solution.at_vertices``, with its errors."""
         return values_at_vertices(self.solution, self.evaluate)
 
     def path(self, start: Any) -> list[Floats]:
         """Return k shortest paths (m, d), each from one of the points ``start``, (k, d) or (d,), to the nearest origin.
 
-        Paths begin on the manifold and descend the distance by the midpoint rule, in steps of half a spacing. Raises
-        ResolutionError if a point is on a piece without an origin, or a path is caught at a barrier.
+        Paths begin on the manifold and descend the distance by the midpoint rule, in steps of half a spacing; the last
+        spacing is straight. The number m of points differs by path. Raises ResolutionError if a point is on a piece
+        without an origin, or a path does not arrive, InputError as :meth:`evaluate`.
         """
         surface, h = self.solution.scene.surface, self.solution.spacing
         start = as_points(np.atleast_2d(np.asarray(start, dtype=np.float64)), surface.dim)
@@ -156,7 +154,7 @@ def geodesic_distance(
     surface : ClosestPointSource, Scene or Prepared
         The manifold; a scene whose boundaries are barriers, which nothing passes; or a prepared scene, for many
         origins.
-    origins : (k, d) array, whole numbers, ClosestPointSource, or a sequence of these
+    origins : (k, d) or (d,) array, whole numbers, ClosestPointSource, or a sequence of these with a source among them
         Points, vertices of a mesh by their numbers, and curves; the distance is that from the nearest origin.
     spacing : float
         Spacing of the lattice, in the scene's unit; not for a prepared scene. In its place ``tolerance``, the accepted
@@ -166,9 +164,9 @@ def geodesic_distance(
         error on meshes by rounds that cost several times as much: on Spot with 19,000 unknowns from 1.1 percent of the
         mean distance to 0.2.
     rounds : int
-        Number of rounds of transport.
+        Number of rounds of transport, from 1 to 100; not used by ``heat``.
     **options
-        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
+        Options of :func:`cpmkit.prepare`, which its ``help`` shows with defaults; ``form`` is ``galerkin`` by default.
 
     Returns
     -------
@@ -177,7 +175,7 @@ def geodesic_distance(
     Raises
     ------
     InputError, SceneError
-        If an argument is not accepted, or a boundary of the scene is no barrier.
+        If an argument is not accepted, or a boundary of the scene is no barrier; others as prepare and solve do.
 
     Notes
     -----
@@ -241,7 +239,7 @@ def _heat_distance(
 ) -> tuple[ck.Field, Solution]:
     """Return the field X (p, d) of unit vectors away from the origins, and the distance by the heat method.
 
-    On each piece a constant is added so that it is the ``straight`` distance (p,) beside the origins.
+    On each piece with an origin a constant is added to it: the median difference from ``straight`` (p,) beside origins.
     """
     field = heat.heat_directions(prepared, origins, pieces)
     phi = heat.prepare_heat(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))

@@ -48,10 +48,10 @@ def implicit_flow(
 ) -> tuple[Solution, list[float], bool]:
     """Return the map that implicit steps reach, the energies at first and after each step, and whether it is at rest.
 
-    Short steps come first. A step that raises the energy or tears the map is repeated with half its length; where
-    conditions are prescribed, the first step is never repeated, since the initial map need not satisfy them. The flow
-    ends with a warning where a step would lower the energy below ``covering``, which no map that covers it has, or
-    after the last step without rest.
+    Short steps come first. A step that raises the energy or tears the map is repeated with half its length, down to a
+    hundredth of the first; where conditions are prescribed, the first step is never repeated, since the initial map
+    need not satisfy them. The flow ends with a warning where a step would lower the energy below ``covering``, which no
+    map that covers it has, or after the last step without rest. The returned map is not yet projected on the target.
 
     ``prepared``: the manifold with landmarks as boundaries.
     ``target``: the manifold of the images.
@@ -59,7 +59,7 @@ def implicit_flow(
     ``step``: the longest step, in the unit of length squared.
     ``most_steps``: limit of the number of steps.
     ``rest``: relative change of the energy below which the flow is at rest.
-    ``covering``: area of the target that the initial map covers; 0 if unknown.
+    ``covering``: area of the target times the number of times that the initial map covers it; 0 if unknown.
     """
     points = prepared.field(start).projected().project(target)
     state = _State(points, np.zeros_like(start), points.energy())
@@ -128,8 +128,9 @@ def explicit_flow(
     """Return the map, the energies and whether it is at rest by explicit steps of King et al. (2024), eq. 24.
 
     A step is u_next = cp(u + step Lap u), stable up to h^2 / 6, by default h^2 / 10. Arguments and results are those of
-    :func:`implicit_flow`, but the energy is integrated only after each 50 steps, and its mean decrease per step is
-    compared with ``rest``. Raises InputError if the form is not ``collocation``, or the step too long.
+    :func:`implicit_flow`, but the map is projected; the energy is integrated only after each 50 steps and the last, and
+    its mean change per step is compared with ``rest``. Raises InputError if the form is not ``collocation``, or the
+    step is too long or not above zero.
     """
     h = prepared.discretized.spacing
     step = 0.1 * h * h if step is None else positive(step, "step")
@@ -146,7 +147,7 @@ def explicit_flow(
         if done % 50 and done < most_steps:
             continue
         energy.append(_dirichlet_energy(replace(solution, values=u)))
-        if energy[-2] - energy[-1] < rest * 50 * energy[-2]:
+        if abs(energy[-2] - energy[-1]) < rest * (done % 50 or 50) * energy[-2]:
             rests = True
             break
     _warn_if_moving(rests, most_steps)
@@ -190,7 +191,10 @@ def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
 
 
 def _closed_mesh(surface: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 3) and triangles (f, 3), counter-clockwise from outside; raise InputError if not closed."""
+    """Return vertices (v, 3) and triangles (f, 3) of a surface, counter-clockwise from outside.
+
+    Raises InputError if it has no mesh of triangles in space, or this is not closed and oriented.
+    """
     if not isinstance(surface, HasMesh) or surface.manifold_dim != 2 or surface.dim != 3:
         raise InputError(f"a degree is that of a map between surfaces with meshes; {type(surface).__name__} has none.")
     vertices, faces = surface.mesh(spacing)

@@ -38,12 +38,12 @@ class SurfaceMap(Result):
     #: (steps + 1,): integrals of ``|grad u|^2 / 2`` of the initial map and after each step, or after each 50 explicit
     #: steps.
     energy: Floats
-    at_rest: bool  #: Whether the last step changed the energy by less than ``rest``.
+    at_rest: bool  #: Whether the last step, or 50 explicit ones on average, changed the energy by less than ``rest``.
 
     def evaluate(self, points: Any, side: Any = None) -> Floats:
         """Return the images (n, k), on the target, of the source's points nearest to ``points`` (n, d).
 
-        k is the target's dimension; ``side`` is the side of points on a curve, as for :meth:`cpmkit.Solution.evaluate`.
+        k is the target's dimension; ``side``, but not "both", and errors are as for :meth:`cpmkit.Solution.evaluate`.
         """
         coordinates = self.solution.evaluate(as_points(points, self.solution.scene.surface.dim), side)
         return np.asarray(self.target.closest_point(coordinates).points)
@@ -127,22 +127,23 @@ def harmonic_map(
     initial : "nearest" or callable
         The initial map: the target's closest points; or a function of points (n, d), such as ``VertexData(surface,
         vertices of the target)`` where two meshes share their triangles. It is projected on the target.
-    landmarks : sequence of pairs
+    landmarks : sequence of tuples
         Places and their images: points (k, d) with points (k, target's dimension) of the target; or a curve with a
         function of its points. A single point fixes the map there and, the finer the spacing, little around it.
     spacing : float
         Spacing of the lattice, in the scene's unit.
     step : float
-        Time step, in the unit of length squared. By default a tenth of the square of half the manifold's size.
+        Longest time step, in the unit of length squared. By default a tenth of the square of half the manifold's size.
     most_steps : int
-        Number of steps after which the run ends, with a warning, even if the map is not at rest.
+        Number of steps, up to a million, after which the run ends, with a warning, even if the map is not at rest.
     rest : float
-        The run ends when a step lowers the energy by less than this share of it.
+        The run ends when a step changes the energy by less than this share of it.
     method : {"implicit", "explicit"}
         ``explicit`` takes the paper's steps in the form ``collocation``, by default a tenth of the spacing squared; it
         is for comparison.
     **options
-        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
+        Options of :func:`cpmkit.prepare`, which its ``help`` shows with defaults; ``form`` is by default ``galerkin``,
+        for explicit steps ``collocation``.
 
     Returns
     -------
@@ -183,7 +184,7 @@ def harmonic_map(
 
 
 def _covered_area(prepared: Prepared, target: ClosestPointSource, initial: Any) -> float:
-    """Return the area that the initial map covers, a lower bound of its homotopy class's energy; 0 if unknown."""
+    """Return the target's area times how often the initial map covers it, a lower bound of energies; 0 if unknown."""
     images = target.closest_point if not callable(initial) else lambda points: target.closest_point(initial(points))
     surface, spacing = prepared.scene.surface, prepared.discretized.spacing
     try:

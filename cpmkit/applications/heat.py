@@ -81,7 +81,7 @@ class Origins:
 
 
 def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
-    """Return origins that are given as points (k, d) or (d,), numbers of vertices, sources, or a sequence of these.
+    """Return origins given as points (k, d) or (d,), numbers of vertices, a source, or a list of these with a source.
 
     Points are projected on ``surface``. Raises InputError if there are no origins, or an entry is none of these.
     """
@@ -186,13 +186,13 @@ def prepare_manifold(surface: Any, spacing: float | None, options: dict[str, Any
 def barrier_scene(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
     """Return the scene of a manifold whose boundaries are barriers, with the equation Poisson and f = 0.
 
-    Raises InputError if a condition of a boundary or the edge is not of the kind Neumann.
+    Raises InputError if a condition of a boundary or the edge is not zero flux.
     """
     scene = scene_of(surface)
     for condition in scene.conditions:
-        if condition.kind != "neumann":
+        if not condition.law.is_zero_flux:
             raise InputError(
-                f"boundaries of a scene are barriers, with the condition Neumann(0), got {condition.kind!r}; curves "
+                f"boundaries of a scene are barriers, with the condition Neumann(0), got {shown(condition)}; curves "
                 "that distances are measured from are origins."
             )
     return ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge)

@@ -22,7 +22,7 @@ import cpmkit as ck
 from cpmkit.applications.geodesics import PRESCRIBED_SPACINGS, Distance, geodesic_distance
 from cpmkit.applications.heat import prepare_manifold, scene_of, tangential_coupling, vector_heat_directions
 from cpmkit.applications.result import with_colours
-from cpmkit.applications.vector_fields import TangentField, check_surface, tangential_parts
+from cpmkit.applications.vector_fields import TangentField, check_surface, project_vectors
 from cpmkit.errors import InputError, place
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, HasNormals, dots, norms, unit
@@ -41,7 +41,7 @@ class TransportedField(TangentField):
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = False) -> Floats:
         """Return the tangential vectors (n, 3) at the surface points nearest to ``points`` (n, 3).
 
-        They are unit vectors if ``normalized``; ``side`` is as for :meth:`cpmkit.Solution.evaluate`.
+        They are unit vectors if ``normalized``; ``side`` is as for :meth:`TangentField.evaluate`.
         """
         directions = super().evaluate(points, side)
         if normalized:
@@ -116,12 +116,12 @@ def transport_vector(
     points : (k, 3) or (3,) array
         Points at which vectors are given. Elsewhere the vector of the nearest point arrives; half way between two
         points, the mean of their vectors.
-    vectors : (k, 3) or (3,) array
+    vectors : (k, 3) array, or (3,) for all points
         Neither zero nor normal to the surface; they are projected on it.
     spacing : float
         Spacing of the lattice, in the scene's unit; not for a prepared scene.
     **options
-        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
+        Options of :func:`cpmkit.prepare`, which its ``help`` shows with defaults; ``form`` is ``galerkin`` by default.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def transport_vector(
     Raises
     ------
     InputError, SceneError
-        If an argument is not accepted.
+        If an argument is not accepted, or a piece of the surface has no point.
 
     Examples
     --------
@@ -143,13 +143,8 @@ def transport_vector(
     """
     check_surface(scene_of(surface).surface)
     prepared = prepare_manifold(surface, spacing, options)
-    at = as_points(np.atleast_2d(points), 3)
-    at = prepared.scene.surface.closest_point(at).points
-    projected = tangential_parts(prepared.scene.surface, at, np.broadcast_to(np.atleast_2d(vectors), at.shape))
-    lengths = np.linalg.norm(projected, axis=1)
-    if not np.isfinite(lengths).all() or not (lengths > 1e-6 * np.linalg.norm(np.atleast_2d(vectors), axis=1)).all():
-        raise InputError("vectors that are transported must be finite, not zero, and not normal to the surface.")
-    return _transport_vectors(prepared, tangential_coupling(prepared, True), at, projected, lengths)
+    at, projected = project_vectors(prepared.scene.surface, points, vectors)
+    return _transport_vectors(prepared, tangential_coupling(prepared, True), at, projected, norms(projected))
 
 
 def logarithmic_map(
@@ -168,15 +163,15 @@ def logarithmic_map(
     surface : ClosestPointSource, Scene or Prepared
         As for :func:`transport_vector`.
     point : (3,) array
-        A point of the surface.
+        A point, which is projected on the surface.
     axis : (3,) array, optional
         A vector whose tangential part is the first axis; by default any tangent.
     spacing : float
-        Spacing of the lattice.
+        As for :func:`transport_vector`.
     method : {"transport", "heat"}
         Method of the distance, as for :func:`geodesic_distance`.
     **options
-        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
+        Options of :func:`cpmkit.prepare`, which its ``help`` shows with defaults; ``form`` is ``galerkin`` by default.
 
     Returns
     -------
@@ -185,7 +180,7 @@ def logarithmic_map(
     Raises
     ------
     InputError, SceneError
-        If an argument is not accepted.
+        If an argument is not accepted, or the surface has a piece that no path from the point reaches.
 
     Examples
     --------

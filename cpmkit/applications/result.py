@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack, cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -13,6 +14,7 @@ import cpmkit as ck
 from cpmkit.applications.heat import barrier_scene, prepare_manifold
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
+from cpmkit.plugin import Discretized
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.deprecation import DeprecatedMember
@@ -134,7 +136,7 @@ class Measured(Result):
 
     @cached_property
     def error(self) -> ErrorEstimate:
-        """An estimate of the error, computed on first use from the result at twice the spacing.
+        """An estimate of the error: of a target such as ``tolerance``, or made on first use at twice the spacing.
 
         Errors are assumed to be proportional to the spacing, as on ridges and meshes. On smooth surfaces they fall
         faster, and the estimate is up to ten times too large. Raises CpmkitError if the quantity cannot be computed at
@@ -144,7 +146,10 @@ class Measured(Result):
         return self.solution.estimated or ck.estimate_error_by(self.recompute, self.solution, order=1.0)
 
     def gradient(self, points: Any) -> Floats:
-        """Return the tangential gradient (n, d) at ``points`` (n, d), of length one except at ridges, ends and gaps."""
+        """Return the tangential gradient at ``points``, (n, d) or (d,) of both; errors as of ``Solution.gradient``.
+
+        Its length is about one except at ridges, ends and gaps, and zero on pieces without an origin.
+        """
         return np.asarray(self.solution.gradient(points))
 
 
@@ -165,10 +170,12 @@ def measure_to_target(
     ``measure``: computes the quantity on a prepared scene.
     """
     target = {name: options[name] for name in ("tolerance", "norm", "seconds", "memory") if name in options}
-    last: list[MeasuredResult] = []
+    #: What a result has beside its solution, which would keep the key in memory.
+    beside: WeakKeyDictionary[Discretized, MeasuredResult] = WeakKeyDictionary()
+    made: MeasuredResult | None = None
     if not target or spacing is not None or isinstance(surface, Prepared):
         prepared = prepare_manifold(surface, spacing, options)
-        last.append(measure(prepared))
+        made = measure(prepared)
         scene, every = prepared.scene, prepared.options.as_dict() if prepared.options else {}
         others = {name: value for name, value in every.items() if name not in ("spacing", "origin")}
         others |= {"form": prepared.discretized.form}
@@ -176,13 +183,14 @@ def measure_to_target(
         scene, others = barrier_scene(surface), {name: value for name, value in options.items() if name not in target}
 
     def recompute(spacing: float, origin: Any) -> Solution:
-        last[:] = [measure(prepare_manifold(scene, spacing, {"origin": origin, **others}))]
-        return last[0].solution
+        each, nothing = measure(prepare_manifold(scene, spacing, {"origin": origin, **others})), cast("Solution", None)
+        beside[each.solution.discretized] = replace(each, solution=nothing)
+        return each.solution
 
-    if last:  # an estimate that the solution made of itself would be that of only the last solve
-        return replace(last[0], recompute=recompute, solution=replace(last[0].solution, estimated=False))
-    solution = ck.solve_by(recompute, scene, order=1.0, **target)
-    return replace(last[0], recompute=recompute, solution=solution)
+    if made is not None:  # an estimate that the solution made of itself would be that of only the last solve
+        return replace(made, recompute=recompute, solution=replace(made.solution, estimated=False))
+    solution = ck.solve_by(recompute, scene, order=1.0, **target)  # not the last one where the target is missed
+    return replace(beside[solution.discretized], recompute=recompute, solution=solution)
 
 
 def check_choice(value: Any, accepted: tuple[str, str], label: str) -> str:
@@ -200,7 +208,7 @@ def unpack_pair(pair: Any, words: str) -> tuple[Any, Any]:
 
 
 def check_rounds(method: Any, rounds: Any) -> int:
-    """Return ``rounds`` (1 to 100) for the ``method`` transport, 0 for heat; raise InputError for other arguments."""
+    """Return ``rounds`` for the ``method`` transport, InputError if not 1 to 100; 0, unchecked, for heat."""
     return 0 if check_choice(method, ("transport", "heat"), "method") == "heat" else whole(rounds, "rounds", 1, 100)
 
 

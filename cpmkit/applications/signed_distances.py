@@ -42,7 +42,10 @@ class SignedDistance(Measured):
     rounds: int  #: Number of rounds of transport.
 
     def evaluate(self, points: Any) -> Floats:
-        """Return the distance (n,) at the points of the surface nearest to ``points`` (n, 3), positive to the left."""
+        """Return the distance (n,) at the surface points nearest to ``points`` (n, 3), positive to the left.
+
+        Raises InputError as :meth:`cpmkit.Solution.evaluate`, and for one point (3,).
+        """
         return self.solution.evaluate(as_points(points, self.solution.scene.surface.dim))
 
 
@@ -72,9 +75,9 @@ def signed_distance(
     method : {"transport", "heat"}
         ``heat`` is the signed heat method; ``transport`` improves it by rounds, as in :func:`geodesic_distance`.
     rounds : int
-        Number of rounds of transport.
+        Number of rounds of transport, from 1 to 100; not used by ``heat``.
     **options
-        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
+        Options of :func:`cpmkit.prepare`, which its ``help`` shows with defaults; ``form`` is ``galerkin`` by default.
 
     Returns
     -------
@@ -84,7 +87,7 @@ def signed_distance(
     ------
     InputError, SceneError
         If an argument is not accepted, a piece of the surface has no curve, or the curves do not separate one left from
-        one right.
+        one right; others as :func:`cpmkit.prepare` and a solve raise them.
 
     Examples
     --------

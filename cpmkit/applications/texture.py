@@ -80,7 +80,7 @@ def bake(
     mesh : path or TexturedMesh
         An OBJ file with texture coordinates, found as :func:`cpmkit.source` finds files.
     width, height : int
-        Size in pixels; square if only the width is given.
+        Size in pixels, from 1 to 16,384; square if only the width is given.
 
     Returns
     -------
@@ -89,8 +89,8 @@ def bake(
     Raises
     ------
     InputError
-        If the solution has other than three channels, the mesh has no texture coordinates, they leave the image, or no
-        pixel lies in a triangle.
+        If the solution has other than three channels, the mesh cannot be read, is away from the surface or has no
+        texture coordinates, they leave the image, or no pixel lies in a triangle.
 
     Warns
     -----

@@ -28,7 +28,7 @@ from cpmkit.applications.heat import scene_of, tangential_coupling
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, Mesh, dots, norms, unit, vertex_normals
-from cpmkit.runtime.arrays import as_points, positive
+from cpmkit.runtime.arrays import as_points, as_vector, positive
 from cpmkit.scenefile.look import LookKeywords
 from cpmkit.types import Floats, Ints
 
@@ -115,7 +115,7 @@ class TangentField(result.Result):
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = True) -> Floats:
         """Return tangent vectors (n, 3), of length one if ``normalized``, at the points nearest to ``points`` (n, 3).
 
-        ``side`` is as for :meth:`cpmkit.Solution.evaluate`.
+        ``side``, but not "both", and errors are as for :meth:`cpmkit.Solution.evaluate`. A unit vector of zero is zero.
         """
         surface = self.solution.scene.surface
         at = as_points(points, surface.dim)
@@ -137,7 +137,7 @@ class TangentField(result.Result):
         return singularities(mesh.points, mesh.triangles, vectors, mesh.normals)
 
     def drawable(self, length: float | None = None) -> Solution:
-        """Return the surface with arrows of one ``length``, by default 0.045 of the surface's size.
+        """Return the surface with arrows of one ``length``, by default 0.045 of the longest side of its bounds.
 
         ``length`` is in the scene's unit; InputError is raised if it is not above zero.
         """
@@ -156,7 +156,7 @@ class TangentField(result.Result):
         path : str or Path
             A PNG file.
         length : float, optional
-            Length of an arrow; by default a share of the surface's size.
+            Length of an arrow; by default 0.045 of the longest side of the surface's bounds.
         **options
             Options of :meth:`cpmkit.Solution.picture`.
         """
@@ -177,7 +177,7 @@ def vector_field(
     ----------
     surface : ClosestPointSource or Scene
         A surface in space; or a scene whose boundaries are barriers, which nothing passes.
-    directions : sequence of pairs
+    directions : sequence of tuples
         Places and their directions: points (k, 3) with vectors (k, 3) or (3,); a curve with ``"tangent"``,
         ``"backwards"``, ``"left"``, ``"right"``, a vector (3,) or a function of points; or a curve with ``{"left": ...,
         "right": ...}``, one of these for each of its sides. Vectors are projected on the surface.
@@ -186,7 +186,7 @@ def vector_field(
     transport : {"parallel", "paper"}
         How directions are extended; see this module.
     **options
-        Options of :func:`cpmkit.prepare`, such as ``degree``; ``help(cpmkit.prepare)`` shows them with their defaults.
+        Options of :func:`cpmkit.prepare`, which its ``help`` shows with defaults; ``form`` is ``galerkin`` by default.
 
     Returns
     -------
@@ -237,7 +237,7 @@ def check_surface(surface: ClosestPointSource) -> None:
 def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.Boundary]:
     """Return the boundaries that prescribe the directions of a ``pair`` (place, directions).
 
-    Raises InputError if it is no such pair, or a direction is zero or normal to the surface.
+    Raises InputError if it is no such pair, or a direction at a point is zero or normal to the surface.
     """
     where, which = result.unpack_pair(pair, "directions are pairs (where, which)")
     if getattr(where, "manifold_dim", 0):  # a curve
@@ -248,11 +248,7 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
                 raise InputError(f"directions of two sides are given as left and right, got {', '.join(sides)}.")
             return [ck.Boundary(name, where, **{side: ck.Dirichlet(direction) for side, direction in sides.items()})]
         return [ck.Boundary(name, where, both=ck.Dirichlet(_curve_directions(where, surface, which)))]
-    points = surface.closest_point(np.atleast_2d(np.asarray(where, dtype=np.float64))).points
-    directions = np.broadcast_to(np.asarray(which, dtype=np.float64), points.shape)
-    vectors = tangential_parts(surface, points, directions)
-    if not (norms(vectors) > 1e-6 * norms(directions)).all():
-        raise InputError("a direction at a point must not be zero or normal to the surface.")
+    points, vectors = project_vectors(surface, where, which)
     return result.point_boundaries(f"direction {number}", points, unit(vectors))
 
 
@@ -269,10 +265,23 @@ def _curve_directions(curve: ClosestPointSource, surface: ClosestPointSource, wh
         return lambda points: sign * frame(points)[kind]
     if callable(which):
         return lambda points: unit(tangential_parts(surface, points, np.asarray(which(points), dtype=np.float64)))
-    vector = np.asarray(which, dtype=np.float64)
-    if vector.shape != (3,):
-        raise InputError(f"a direction along a curve is a name, a vector (3,) or a function, got {shown(which)}.")
+    vector = as_vector(which, 3, "a direction along a curve, if it is no name or function,")
     return lambda points: unit(tangential_parts(surface, points, np.broadcast_to(vector, points.shape)))
+
+
+def project_vectors(surface: ClosestPointSource, points: Any, vectors: Any) -> tuple[Floats, Floats]:
+    """Return ``points`` (k, 3) or (3,) projected on a surface, (k, 3), and there the tangential parts of ``vectors``.
+
+    Vectors are (k, 3), or (3,) for all points. Raises InputError if they are not, or one is zero or normal to it.
+    """
+    at = surface.closest_point(as_points(np.atleast_2d(points), 3)).points
+    given = as_points(np.atleast_2d(vectors), 3, "vectors")
+    if len(given) not in (1, len(at)):
+        raise InputError(f"{len(at)} points need one vector or {len(at)}, got {len(given)}.")
+    parts = tangential_parts(surface, at, np.broadcast_to(given, at.shape))
+    if not (norms(parts) > 1e-6 * norms(given)).all():
+        raise InputError("a vector at a point must be neither zero nor normal to the surface.")
+    return at, parts
 
 
 def tangential_parts(surface: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:

@@ -36,8 +36,8 @@ def as_points(x: Any, dim: int, label: str = "points") -> Floats:
 def as_positions(x: Any, dim: int, label: str = "points") -> Floats:
     """Return ``x`` as a (n, dim) float64 array of finite points that :func:`check_size` accepts.
 
-    ``label`` is for messages. Raises InputError if ``x`` is not (n, dim) finite numbers, or if one is above
-    :data:`LARGEST_LENGTH` in size, or all are in a box below its inverse, but not in one point.
+    ``label`` is for messages. Raises InputError if ``x`` is not (n, dim) finite numbers, one is above
+    :data:`LARGEST_LENGTH` in size, or all points, unless they are equal, are in a box smaller than its inverse.
     """
     points = as_points(x, dim, label)
     check_size(points, label)
@@ -64,10 +64,7 @@ def check_size(points: Floats, label: str) -> None:
 
 
 def length(x: Any, label: str) -> float:
-    """Return ``x`` as a float if it is a length between 1 / :data:`LARGEST_LENGTH` and :data:`LARGEST_LENGTH`.
-
-    Raises InputError, whose message begins with ``label``, if ``x`` is not such a number.
-    """
+    """Return ``x``, from 1 / :data:`LARGEST_LENGTH` to this, as a float; else raise an InputError with ``label``."""
     value = positive(x, label)
     if not 1.0 / LARGEST_LENGTH <= value <= LARGEST_LENGTH:
         raise InputError(
@@ -78,10 +75,7 @@ def length(x: Any, label: str) -> float:
 
 
 def as_vector(x: Any, dim: int, label: str) -> Floats:
-    """Return ``x`` as a new (dim,) float64 array of finite numbers.
-
-    Raises InputError, whose message begins with ``label``, if ``x`` is not ``dim`` finite numbers.
-    """
+    """Return ``x``, ``dim`` finite numbers, as a new (dim,) float64 array; else raise an InputError with ``label``."""
     vector = np.array(_as_floats(x, f"{label} must be {dim} numbers"))
     if vector.shape != (dim,) or not np.isfinite(vector).all():
         raise InputError(f"{label} must be {dim} finite numbers, got {shown(x)}.")
@@ -99,10 +93,7 @@ def _as_floats(x: Any, accepted: str) -> Floats:
 
 
 def number(x: Any, label: str) -> float:
-    """Return ``x`` as a float if it is a finite number; truth values and text are refused.
-
-    Raises InputError, whose message begins with ``label``, if ``x`` is not a finite number.
-    """
+    """Return a finite number ``x`` as a float; else, also for text or True, raise an InputError with ``label``."""
     value = _as_float(x)
     if not np.isfinite(value):
         raise InputError(f"{label} must be a finite number, got {shown(x)}.")
@@ -110,10 +101,7 @@ def number(x: Any, label: str) -> float:
 
 
 def positive(x: Any, label: str) -> float:
-    """Return ``x`` as a float if it is a finite number above zero; truth values and text are refused.
-
-    Raises InputError, whose message begins with ``label``, if ``x`` is not such a number.
-    """
+    """Return a finite number ``x`` above zero as a float; else, also for True, raise an InputError with ``label``."""
     value = _as_float(x)
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"{label} must be a finite number above zero, got {shown(x)}.")

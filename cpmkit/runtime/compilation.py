@@ -129,8 +129,8 @@ if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none
 def run_parcels(work: Callable[[int, int], object], count: int, size: int = 4096) -> None:
     """Call ``work(start, stop)`` on all threads for consecutive parts of ``range(count)``, each of at most ``size``.
 
-    It returns when all parts are done, and raises the exception of a part. The default size is for closest point
-    queries: so few that a busy core does not delay the others.
+    It returns when all parts are done, or raises the exception of a part, while others may still run. The default size
+    is for closest point queries: so few that a busy core does not delay the others.
     """
     starts = range(0, count, size)
     threads = thread_count()

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import inspect
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.runtime.messages import did_you_mean
 
 OptionsClass = TypeVar("OptionsClass", bound="DeclaredOptions")
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -66,7 +67,7 @@ def declared_options(kind: type[DeclaredOptions]) -> dict[str, Option]:
 
 
 def either_option(first: Option, second: Option) -> Option:
-    """Return the declaration of an option of two classes: values pass the check of ``second``, or else of ``first``."""
+    """Return the declaration of an option of two classes: ``second`` checks what it accepts, ``first`` the rest."""
 
     def check(value: Any, label: str) -> Any:
         return (second if second.accepts(value) else first).check(value, label)
@@ -80,8 +81,8 @@ def split_options(
 ) -> tuple[OptionsClass, dict[str, Any]]:
     """Return an instance of ``kind`` made of its options among ``keywords``, and the other keywords.
 
-    ``further`` are fields of the instance that take precedence over ``keywords``. Raises InputError if an option is not
-    accepted.
+    ``further`` are fields of the instance; a keyword with the name of one is among the other keywords. Raises
+    InputError if an option is not accepted.
     """
     selected = {name: keywords[name] for name in declared_options(kind) if name in keywords and name not in further}
     return kind(**selected, **further), {name: value for name, value in keywords.items() if name not in selected}
@@ -146,6 +147,13 @@ def check_key_types(make: Callable[..., Any], label: str, table: Mapping[str, An
             names = " or ".join(TYPE_WORDS[kind] for kind in accepted if TYPE_WORDS[kind])
             place = label[:1].lower() + label[1:]
             raise SceneError(f"{key} of {place} must be {names}, got {shown(value)}.")
+
+
+def check_one_of(value: object, accepted: Sequence[str], label: str) -> None:
+    """Raise SceneError if ``value`` is none of the ``accepted``; ``label`` is its name in the message."""
+    if value not in accepted:
+        hint = did_you_mean(value, accepted)
+        raise SceneError(f"{label} must be {' or '.join(map(repr, accepted))}, got {shown(value)}{hint}.")
 
 
 def one_of(*names: str) -> Callable[[Any, str], str]:

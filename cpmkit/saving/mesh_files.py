@@ -12,7 +12,8 @@ import numpy as np
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.manifold.vector_algebra import in_three_dimensions
 from cpmkit.runtime.messages import install_command
-from cpmkit.scenefile.look import VERTICES, check_one_of
+from cpmkit.runtime.options import check_one_of
+from cpmkit.scenefile.look import VERTICES
 from cpmkit.solution.display_mesh import DisplayMesh, given_mesh_of
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats

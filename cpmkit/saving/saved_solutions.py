@@ -23,9 +23,10 @@ from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_method
 from cpmkit.runtime.messages import install_command
+from cpmkit.runtime.options import check_one_of
 from cpmkit.saving.mesh_files import MESH_WRITERS, own_mesh, write_vtp
 from cpmkit.scene.scene import Scene
-from cpmkit.scenefile.look import VERTICES, Look, SavingKeywords, check_one_of
+from cpmkit.scenefile.look import VERTICES, Look, SavingKeywords
 from cpmkit.solution.display_mesh import given_mesh_of
 from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.solution.record import SolutionRecord

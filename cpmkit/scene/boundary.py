@@ -21,8 +21,8 @@ from cpmkit.types import SIDES, Floats, Ints, Side, Sides
 def _as_boundary_source(value: Any) -> Any:
     """Return the place of a boundary as a source, or as integers (k,): numbers of vertices of the surface.
 
-    Points (k, d) or a point (d,) become a closest-point source, an integer or a list of integers the numbers; other
-    values, also sources, are returned unchanged.
+    An integer or a list of integers (k,), also of d, becomes the numbers; points (k, d), or a point (d,) of other
+    numbers, a closest-point source; any other value, also a source, is returned unchanged.
     """
     if isinstance(value, (ClosestPointSource, str, bytes, bool)) or callable(value):
         return value
@@ -65,7 +65,7 @@ class Boundary:
     Raises
     ------
     InputError
-        If the source or ``left_of`` is not accepted; SceneError if a condition is not, or is on one side or on neither.
+        If the source or ``left_of`` is not accepted; SceneError if a condition is not, or a side has none or two.
 
     Examples
     --------
@@ -100,7 +100,7 @@ class Boundary:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        """Replace data by Dirichlet conditions and the place by a source; raise InputError if they are not accepted."""
+        """Replace data by Dirichlet conditions, the place by a source; raise SceneError, InputError for others."""
         sides = [*self.given_conditions]
         if sides not in (["both"], ["left", "right"], ["across"]):
             raise SceneError(
@@ -222,6 +222,8 @@ def named_sides(boundaries: Sequence[Boundary], side: Sides, has_left: Sequence[
     names = [boundary.name for boundary in boundaries]
     with_sides = [name for name, has in zip(names, has_left or [True] * len(names), strict=True) if has]
     by_name = dict(side) if isinstance(side, Mapping) else {name: side for name in with_sides if side is not None}
+    if not isinstance(side, Mapping) and side not in (None, *SIDES) and not with_sides:
+        raise InputError(f"side must be 'left' or 'right', or a table of these by boundary, got {shown(side)}.")
     for name, value in by_name.items():
         boundary_number(boundaries, name)
         if value not in SIDES or name not in with_sides:

@@ -130,10 +130,9 @@ class Eigen(Equation[EigenFamily]):
             number(self.near, "near of eigen")
 
     def direct_solver_limit(self, multigrid: bool) -> float:
-        """Return the largest number of unknowns for the direct solver, in units of that for a single definite system.
+        """Return the largest number of unknowns for the direct solver, as :class:`Equation` does; 60 with ``near``.
 
-        ``multigrid`` is True for a form with multigrid, to which the direct solver is then compared; with ``near`` the
-        limit is then 60, as inside the spectrum each multigrid solve takes about 20 cycles.
+        That is beside ``multigrid``, each of whose solves takes about 20 cycles inside the spectrum.
         """
         return 60.0 if multigrid and self.near is not None else super().direct_solver_limit(multigrid)
 
@@ -294,10 +293,7 @@ class ReactionDiffusion(Evolution):
         return [*data, ("the reaction", [0.0] * channels)] if channels is not None else data
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Raise SceneError for the first of ``conditions``, pairs (label, condition), that is not accepted.
-
-        A coupling is accepted if all channels have the same kappa.
-        """
+        """Raise SceneError for the first of ``conditions`` not accepted, also couplings if channels' kappa differ."""
         super().check_conditions(conditions)
         alike = len(self.terms_of_channels(len(self.kappa))) == 1
         for label, condition in conditions:

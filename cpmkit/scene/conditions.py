@@ -185,7 +185,7 @@ class Robin(Condition):
     law_kind: ClassVar[type] = Mixed
 
     def __post_init__(self) -> None:
-        """Convert alpha and beta to floats, unless beta is a function of points; raise InputError if one is zero."""
+        """Convert alpha and beta, if no function, to floats; raise InputError if one is zero or no finite number."""
         super().__post_init__()
         for name, other in (("alpha", "Dirichlet"), ("beta", "Neumann")):
             value = getattr(self, name)
@@ -203,7 +203,7 @@ class Robin(Condition):
 
 
 def same_condition(first: Any, second: Any) -> bool:
-    """Return True if two conditions have the same type, and parameters that are equal by :func:`same_parameter`."""
+    """Return True if two conditions are one object, or of one type and equal by :func:`same_parameter`."""
     if first is second:
         return True
     if type(first) is not type(second) or not is_dataclass(first):

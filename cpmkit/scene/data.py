@@ -178,8 +178,8 @@ class FieldOfEntries:
 def read_formulas(instance: Any, label: str) -> None:
     """Replace formulas by functions, in place, in the fields of an equation or condition declared as data or vectors.
 
-    Raises SceneError if a formula does not parse, or a vector field depends on t; ``label`` is the name of the
-    ``instance`` in the message.
+    Columns of pandas become arrays. Raises SceneError, with ``label`` for the instance, if a formula does not parse,
+    or a component of a vector field depends on t.
     """
     for member in fields(instance):
         value, kind = getattr(instance, member.name), str(member.type)
@@ -193,7 +193,7 @@ def read_formulas(instance: Any, label: str) -> None:
 def as_data(value: Any, label: str) -> Any:
     """Return data with formulas replaced by functions and pandas columns by arrays; other values unchanged.
 
-    Lists are converted entry by entry. Raises SceneError, with ``label`` for the data, if a formula does not parse.
+    Lists and tuples become lists of converted entries. Raises SceneError, with ``label``, if a formula does not parse.
     """
     if hasattr(value, "to_numpy"):
         return value.to_numpy()
@@ -238,8 +238,8 @@ def call_pointwise(
     """Return the values of a function at points, of this ``shape``: (p,) or (p, channels).
 
     The function receives the first of ``arrays`` (p, ...), as many as it has parameters without defaults, but ``least``
-    of them at least; and the ``time`` if it has a parameter ``t`` without a default. It may return one number for all
-    points, and (p,) where (p, 1) is needed. Raises InputError, with ``label`` for the function, if it raises a
+    of them at least; and a ``time`` that is not None if it has a ``t`` without a default. It may return one number for
+    all points, and (p,) where (p, 1) is needed. Raises InputError, with ``label`` for the function, if it raises a
     TypeError or ValueError, returns another shape, or returns NaN or infinity and ``finite`` is True.
     """
     timed = {"t": time} if time is not None and takes_time(function) else {}
@@ -272,7 +272,7 @@ def central_difference(function: Callable[[Floats], Floats], x: Floats, step: Fl
     The ``step`` (k,) is by default 1e-6 of the largest absolute value of x, or 1e-6 if all are zero.
     """
     if step is None:
-        step = DIFFERENCE_SHARE * np.maximum(np.abs(x), np.abs(x).max(initial=0.0) or 1.0)
+        step = np.full_like(x, DIFFERENCE_SHARE * (np.abs(x).max(initial=0.0) or 1.0))
     return np.asarray((function(x + step) - function(x - step)) / (2 * step))
 
 

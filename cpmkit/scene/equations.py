@@ -235,7 +235,7 @@ class Elliptic(Equation):
     Raises
     ------
     InputError
-        If a diffusivity is a number not above zero or a constant tensor that is not symmetric, c is neither a finite
+        If a diffusivity is a number not above zero or a tensor of another shape or not symmetric, c is neither a finite
         number nor a function, or the equation is conservative without a velocity.
 
     Examples

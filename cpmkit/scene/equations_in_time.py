@@ -75,10 +75,7 @@ class Evolution(Equation[TimeFamily]):
         return tuple(times)
 
     def __post_init__(self) -> None:
-        """Convert times to floats, and check all fields.
-
-        Raises InputError if a field is not accepted, or kappa, c or the velocity depends on t.
-        """
+        """Convert times to floats; raise InputError for wrong fields, or if kappa, c or the velocity depends on t."""
         super().__post_init__()
         for name, accept in (("t0", number), ("until", number if self.t0 else positive), ("step", positive)):
             object.__setattr__(self, name, accept(getattr(self, name), f"{name} of {self.kind}"))

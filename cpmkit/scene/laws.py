@@ -208,8 +208,8 @@ Law = OneSided | Interface
 def beta_at(law: OneSided, points: Floats, label: str) -> Floats:
     """Return the factor beta (n,) of u in the law alpha du/db + beta u = datum at ``points`` (n, d) of a boundary.
 
-    Points are in the scene's coordinates; ``label`` is the condition's name in messages. Raises InputError if a value
-    is not finite.
+    Points are in the scene's coordinates; ``label`` is the condition's name in messages. Raises InputError if values
+    are not finite or not (n,).
     """
     return evaluate_data(law.beta, points, 1, f"beta of {label}")[:, 0]
 

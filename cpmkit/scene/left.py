@@ -61,8 +61,9 @@ class SampledBoundary:
     def sample(cls, source: LocalSource, surface: LocalSource, dimension: int) -> SampledBoundary:
         """Return ``source`` sampled at the first density that determines the signs of its conormals, or at the highest.
 
-        ``dimension`` is that of the manifold ``surface``. Samples at corners of a curve are left out. Conormals that
-        the sources do not provide are differences over half the spacing; those that they provide determine the signs.
+        ``dimension`` is that of the manifold ``surface``. Samples at corners of a curve in a surface are left out,
+        unless all are. Conormals that the sources do not provide are differences over half the spacing; those that they
+        provide determine the signs.
         """
         for samples, spacing in samplings(source, surface):
             tangents = None

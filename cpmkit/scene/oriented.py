@@ -121,7 +121,7 @@ class OrientedBoundary:
 
     @property
     def left_description(self) -> str:
-        """How left is determined and which directions are computed, in words; "" if the sources provide all."""
+        """How left is determined, and which directions are computed; "" without sides, or if sources provide all."""
         if not self.has_sides or self.left.named_by == "source":
             return ""
         reason = {

@@ -56,8 +56,9 @@ def point_value_warnings(
 def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: float, least: float) -> tuple[str, ...]:
     """Return a tuple of a warning if values are prescribed on curves of a surface smaller than ``least``; else ().
 
-    Such a curve acts as a hole of size ``least``, the smallest that the lattice's ``spacing`` resolves. ``sizes`` maps
-    the name of each boundary that is a curve to the diagonal of its bounds. Lengths are in the scene's unit.
+    Such a curve acts as a hole of size ``least``, the smallest that the lattice's ``spacing`` resolves, but not for
+    equations of fourth order, which have no warning. ``sizes`` maps the name of each boundary that is a curve to the
+    diagonal of its bounds. Lengths are in the scene's unit.
     """
     if scene.surface.manifold_dim != 2:
         return ()

@@ -135,7 +135,7 @@ class Scene(Generic[Family]):
     def channels(self) -> int:
         """Number of right-hand sides that are solved together: the largest number of channels of any data.
 
-        Raises SceneError if other data have a number that is neither 1 nor this, InputError if data are not finite.
+        Raises SceneError if other data have a number that is neither 1 nor this, others as :func:`evaluate_data` does.
         """
         counts = []
         for label, data, place in self._data():
@@ -153,7 +153,7 @@ class Scene(Generic[Family]):
 
     @cached_property
     def has_tensor(self) -> bool:
-        """True if the diffusivity of the equation is a tensor; a function is evaluated at one point to find out."""
+        """True if the diffusivity is a tensor, False if it depends on u; a function of points is evaluated at one."""
         diffusivity = self.problem.terms().diffusivity
         if not callable(diffusivity):
             return np.ndim(diffusivity) > 0
@@ -204,8 +204,8 @@ class Scene(Generic[Family]):
     def _data(self) -> list[tuple[str, Data, Callable[[], Floats]]]:
         """Return triples (name in messages, data, function) of all data of the scene.
 
-        The function, without arguments, returns a point (1, d) where the data can be evaluated: on their boundary or
-        part of the edge, or for data of the equation on the manifold.
+        The function, without arguments, returns the point (1, d) at which channels of the data are counted: on their
+        boundary, by :func:`sample_edge_point` for the edge, or for data of the equation on the manifold.
         """
         places: list[Callable[[], Floats]] = []
         for boundary in self.boundaries:
@@ -228,8 +228,9 @@ def _point_near_centre(source: ClosestPointSource) -> Floats:
 def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | None) -> Scene:
     """Return the scene with the equation ``problem``, unless it is None, and other data of its conditions.
 
-    ``data`` maps names of boundaries, or "edge", to conditions; None or a missing name keeps the old ones. Raises
-    SceneError if the scene has no such boundary, or a new condition differs in sides, parts, kind, factors or order.
+    ``data`` maps names of boundaries to a condition or a table of them by side, "edge" to an edge as of a scene. A
+    missing name keeps the old ones, None all of them. Raises SceneError if the scene has no such boundary, or a new
+    condition differs in sides, parts, kind, factors or order.
     """
     if problem is None and not data:
         return scene

@@ -98,8 +98,8 @@ class VertexArrays:
     def replace_arrays(self, instance: Any, label: str) -> Any:
         """Return an equation or condition with arrays replaced by vertex data; an object without arrays is unchanged.
 
-        The result is cached by the object. Raises SceneError if an array has neither one row per vertex nor at most 16
-        rows, or may be either, InputError if its values are not finite; ``label`` is the object's name in messages.
+        The result is cached by the object. Raises SceneError if an array, no tensor, has neither one row per vertex nor
+        at most 16 rows, or may be either, InputError if values are not finite; ``label`` names the object in messages.
         """
         if not hasattr(instance, "__dataclass_fields__"):
             return instance

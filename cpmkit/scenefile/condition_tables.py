@@ -139,7 +139,7 @@ def _conditions_on_loop(table: Any, dim: int, where: str) -> Any:
 
 
 def read_data(value: Any, dim: int, where: str) -> Data:
-    """Return data of a scene file: formulas as functions, numbers and vertex data unchanged, lists entry by entry.
+    """Return data of a scene file: formulas as functions, numbers as floats, vertex data as they are, lists by entry.
 
     Raises SceneError if the value is none of these, or a formula in ``dim`` coordinates does not parse; InputError if a
     number is not finite. ``where`` is the name of the value in messages.
@@ -161,7 +161,7 @@ def read_data(value: Any, dim: int, where: str) -> Data:
 
 
 def _read_scalar(value: Any, dim: int, where: str) -> Any:
-    """Return a number unchanged, a formula as a function; raise as :func:`read_data`, and SceneError for a list."""
+    """Return a scalar as :func:`read_data` does, with its errors; raise SceneError for a list."""
     if is_sequence(value):
         raise SceneError(f"{where} must be one number or formula, got {shown(value)}.")
     return read_data(value, dim, where)
@@ -241,7 +241,7 @@ def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], wher
 def _vertex_data(table: dict[str, Any], folder: Path, carriers: Sequence[Carrier], where: str) -> VertexData:
     """Return the vertex data of a table ``{ values = "FILE.npy" }``; arguments as for :func:`with_vertex_data`.
 
-    Raises SceneError if the table has other keys, or the array fits no source, or several.
+    Raises SceneError if the table has other keys, or the array fits no source, or several; InputError for its file.
     """
     unknown = sorted(set(table) - {"values", "of"})
     names = [name for name, _ in carriers]

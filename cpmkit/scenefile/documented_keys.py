@@ -45,7 +45,7 @@ def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
     """Return the keys in scene files of the kind that a factory or class makes: its parameters by name.
 
     They are in the order of the signature, without ``*args`` and ``**keywords``. Types and summaries are those of the
-    sections Parameters and Attributes of the docstring of ``make``.
+    sections Parameters and Attributes of its docstring, else of the signature and of :data:`SHARED_KEYS`.
     """
     documented = {**_documented_parameters(make, "Parameters"), **_documented_parameters(make, "Attributes")}
     keys = []

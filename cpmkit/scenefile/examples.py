@@ -15,10 +15,7 @@ SCENE_FOLDERS = ("", "applications/", "studies/")
 
 
 def examples_folder() -> Path:
-    """Return the folder of the examples, in the installed package or next to it in a clone.
-
-    Raises InputError if neither place has examples.
-    """
+    """Return the folder of the examples, in the package or next to it in a clone; raise InputError if there is none."""
     package = Path(__file__).parents[1]
     for folder in (package / "examples", package.parent / "examples"):
         if any(folder.glob("*.toml")):
@@ -45,10 +42,7 @@ def example_title(file: Path) -> str:
 
 
 def copy_examples(to: Path) -> Path:
-    """Copy all examples into the new folder ``to``, and return it.
-
-    Raises InputError if ``to`` exists already, or cannot be written.
-    """
+    """Copy all examples into the new folder ``to``, and return it; raise InputError if it exists or is not writable."""
     if to.exists():
         raise InputError(f"{shown(str(to))} is there already; give a folder that is not.")
     folder = examples_folder()

@@ -16,7 +16,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.whole_files import MOST_FILE_NAME_BYTES, check_name
 from cpmkit.runtime.arrays import as_vector, whole
 from cpmkit.runtime.messages import did_you_mean
-from cpmkit.runtime.options import Function, check_key_types
+from cpmkit.runtime.options import Function, check_key_types, check_one_of
 
 
 @dataclass(frozen=True)
@@ -145,13 +145,6 @@ def document_look(function: Function) -> Function:
     function.__doc__ = f"{doc}\n\nOther Parameters\n----------------\n{summaries}\n"
     vars(function).update(__signature__=inspect.Signature([*parameters, *look]))
     return function
-
-
-def check_one_of(value: object, accepted: Sequence[str], label: str) -> None:
-    """Raise SceneError if ``value`` is none of the ``accepted``; ``label`` is its name in the message."""
-    if value not in accepted:
-        hint = did_you_mean(value, accepted)
-        raise SceneError(f"{label} must be {' or '.join(map(repr, accepted))}, got {shown(value)}{hint}.")
 
 
 #: A sequence of numbers.

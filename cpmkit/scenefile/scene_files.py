@@ -208,7 +208,7 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
 
 
 def _problem(table: dict[str, Any], dim: int) -> Equation:
-    """Return the equation of the table [problem], for a manifold in ``dim`` dimensions.
+    """Return the equation of the table [problem], for a manifold in space of ``dim`` dimensions.
 
     ``table`` is changed. Raises SceneError if the kind, a key or its value is not accepted.
     """

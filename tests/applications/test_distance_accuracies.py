@@ -52,6 +52,21 @@ def test_seconds_are_kept() -> None:
     assert 2.0 < trade.seconds < 6.0
 
 
+def test_all_parts_of_a_distance_are_those_of_the_solution_that_a_missed_target_leaves(monkeypatch: Any) -> None:
+    """The solution with the smallest estimated error need not be the last one that was made."""
+
+    def first_of_two(recipe: Any, *_: Any, **__: Any) -> Any:
+        first, _ = recipe(0.1, None), recipe(0.2, None)
+        return first
+
+    monkeypatch.setattr(ck, "solve_by", first_of_two)
+    pair = ck.source("union", members=[ck.source("analytic.circle", center=[x, 0]) for x in (0, 4)])
+    with pytest.warns(ck.CpmkitWarning, match="1 of 2 pieces"):
+        distance = geodesic_distance(pair, [[1, 0]], tolerance=1e-9, method="heat")
+    assert len(distance.pieces.of_unknown) == distance.solution.discretized.size
+    assert np.isinf(distance.evaluate([[-1, 0], [3, 0]])).tolist() == [False, True]
+
+
 @pytest.mark.parametrize("spacing", [0.24, 0.16])
 def test_the_error_of_a_distance_is_no_smaller_than_it_is_and_not_much_larger(spacing: float) -> None:
     distance = geodesic_distance(SPHERE, [0, 0, 1], spacing=spacing, method="heat")

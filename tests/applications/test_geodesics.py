@@ -145,8 +145,9 @@ def test_bad_input_is_reported(given: dict[str, Any], words: str) -> None:
         geodesic_distance(SPHERE, origins, spacing=0.3, **given)
 
 
-def test_a_boundary_with_data_is_no_barrier() -> None:
-    scene = ck.Scene(SPHERE, ck.Laplace(), [ck.Boundary("equator", EQUATOR, both=ck.Dirichlet(0.0))])
+@pytest.mark.parametrize("condition", [ck.Dirichlet(0.0), ck.Neumann(3.0)])
+def test_a_boundary_with_data_is_no_barrier(condition: Any) -> None:
+    scene = ck.Scene(SPHERE, ck.Laplace(), [ck.Boundary("equator", EQUATOR, both=condition)])
     with pytest.raises(ck.InputError, match="barriers"):
         geodesic_distance(scene, [0, 0, 1], spacing=0.3)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.applications import harmonic_map
+from cpmkit.applications import harmonic_flows, harmonic_map
 
 SPHERE = ck.source("analytic.sphere")
 #: Of maps of degree one between unit spheres.
@@ -105,6 +105,14 @@ def test_the_papers_explicit_steps_go_the_same_way() -> None:
     assert abs(found.energy[-1] / LEAST_ENERGY - 1) < 1e-3
     with pytest.warns(ck.CpmkitWarning, match="did not come to rest within 20 steps"):
         harmonic_map(SPHERE, SPHERE, initial=_noisy, spacing=0.25, method="explicit", most_steps=20)
+
+
+def test_explicit_steps_that_raise_the_energy_are_not_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    rising = iter(range(1, 10))
+    monkeypatch.setattr(harmonic_flows, "_dirichlet_energy", lambda _: float(next(rising)))
+    with pytest.warns(ck.CpmkitWarning, match="did not come to rest"):
+        found = harmonic_map(SPHERE, SPHERE, initial=_noisy, spacing=0.5, method="explicit", most_steps=60)
+    assert not found.at_rest
 
 
 @pytest.mark.parametrize(

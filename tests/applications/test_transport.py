@@ -51,7 +51,7 @@ def test_lengths_are_kept_and_mixed_half_way_between_two_points() -> None:
 @pytest.mark.parametrize(
     ("function", "given", "words"),
     [
-        (transport_vector, ([0, 0, 1], [0, 0, 1]), "not normal to the surface"),
+        (transport_vector, ([0, 0, 1], [0, 0, 1]), "nor normal to the surface"),
         (logarithmic_map, ([0, 0, 1, 2],), "point"),
     ],
 )

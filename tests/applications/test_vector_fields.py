@@ -131,6 +131,9 @@ def test_a_direction_at_a_point_is_kept_there() -> None:
         ([([0, 0, 1], [0, 0, 1])], "normal to the surface"),
         ([([1.0, 0.7, 0.3], [1.0, 0.7, 0.3])], "normal to the surface"),
         ([EQUATOR], "pairs"),
+        ([(EQUATOR, [1.0, 0.0])], "direction along a curve"),
+        ([(ck.source("analytic.point", at=[0, 0, 1]), [1, 0, 0])], "points must be numbers"),
+        ([([[0, 0, 1], [1, 0, 0]], np.eye(3))], "2 points need one vector or 2, got 3"),
     ],
 )
 def test_bad_directions_are_reported(given: Any, words: str) -> None:

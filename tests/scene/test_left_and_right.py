@@ -163,6 +163,12 @@ def test_the_two_sides_of_a_curve_without_a_left_cannot_be_read():
         solution.evaluate([[1.0, 0.0, 0.0]], side={"core": "left"})
 
 
+def test_a_side_is_left_or_right_also_without_boundaries():
+    solution = ck.solve(scene(STRIP), 0.14)
+    with pytest.raises(ck.InputError, match="side must be 'left' or 'right'"):
+        solution.evaluate([[1.0, 0.0, 0.0]], side="above")
+
+
 def test_a_boundary_that_branches_takes_one_condition():
     """Where two lines cross no direction of travel can be carried on; u = x y vanishes on both."""
     lines = [
