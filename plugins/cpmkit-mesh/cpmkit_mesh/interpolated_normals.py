@@ -99,7 +99,7 @@ def _rim_arrays(
 
 
 def _rim_links(boundary: Ints) -> Ints:
-    """Return (k, 2) the other end, as 2 edge + end, at the vertex of each end of ``boundary`` (k, 2); -1 if not one."""
+    """Return (k, 2) the other end, as 2 edge + end, at each end of ``boundary`` (k, 2), -1 unless there is just one."""
     vertex = boundary.ravel()
     order = np.argsort(vertex, kind="stable")
     first = np.flatnonzero(np.diff(vertex[order], prepend=-1))

@@ -114,8 +114,8 @@ def _section_between(mesh: TriangleMesh, height: Floats, left: Bools) -> PlaneSe
 def _remove_spurs(chains: Chains, name: Ints) -> Chains:
     """Return the chains without repeated points and without parts that lead to a point and back the same way.
 
-    Closed chains of fewer than three points, and open ones of one, are dropped. ``name`` (n,) has equal entries for
-    nodes at one point.
+    The chains keep their order. Closed ones of fewer than three points, and open ones of one, are dropped. ``name``
+    (n,) has equal entries for nodes at one point.
     """
     vertices, chain, closed = chains.vertices, chains.chain, chains.closed
     dropped = np.ones(1, dtype=bool)
@@ -164,7 +164,8 @@ def _conormals(mesh: TriangleMesh, cell: Ints, name: Ints, ends: Floats, left: B
     """Return (m, 3) unit vectors to the left across segments ``ends`` (m, 2, 3), each in triangle ``cell`` (m,).
 
     ``name`` (m, 2) are the vertices at the ends, or numbers from k on for points inside edges; ``left`` (k,) marks the
-    vertices left of the plane. Of a segment along an edge the mean over both triangles is returned.
+    vertices left of the plane. Of a segment along an edge of two triangles, unless they are folded onto each other, the
+    mean over both is returned.
     """
     along = unit(ends[:, 1] - ends[:, 0])
     corners = mesh.faces[cell]

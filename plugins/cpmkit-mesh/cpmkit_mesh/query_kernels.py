@@ -124,12 +124,12 @@ def find_local_minima(x, start, stop, radius, boxes, nodes, frames, shape, patch
 
 @inlined
 def _cone_misses_query(px, py, pz, boxes, cones, node):
-    """Return whether no normal in the node's cone leads from its box to the query p (Johnson and Cohen 2001).
+    """Return whether surely no normal in the node's cone leads, on either side, from its box to the query p.
 
     ``boxes`` (nodes, 6) and ``cones`` (nodes, 5) are those of a ``BoxTree`` and ``VertexTriangles``. At a local minimum
-    the direction to the query is a normal, or a mean of those of the triangles around it. From all points of the ball
-    around the box, directions to the query lie in a cone about that from the centre, whose sine is radius over
-    distance.
+    the direction to the query is a normal, or a mean of those of the triangles around it (Johnson and Cohen 2001). From
+    all points of the ball around the box, directions to the query lie in a cone about that from the centre, whose sine
+    is radius over distance. False if the query lies in the ball, or both cones together reach a right angle.
     """
     dx = px - 0.5 * (boxes[node, 0] + boxes[node, 3])
     dy = py - 0.5 * (boxes[node, 1] + boxes[node, 4])

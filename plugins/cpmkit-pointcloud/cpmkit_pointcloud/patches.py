@@ -131,7 +131,7 @@ def fit_patches(points: Floats, neighbours: Ints, degree: int, rows: Ints) -> Pa
 
 
 def _fit_parcel(offsets: Floats, degree: int, fitted: Patches, rows: slice) -> None:
-    """Fit to ``offsets`` (m, k, d) from each sample to its neighbours, and write the m ``rows`` of ``fitted`` in place.
+    """Fit patches to ``offsets`` (m, k, d) from samples to neighbours; write the m ``rows`` of ``fitted`` in place.
 
     Coefficients that are not determined, and degrees there, keep their value, zero.
     """

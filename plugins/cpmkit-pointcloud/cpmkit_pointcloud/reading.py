@@ -125,7 +125,7 @@ def _loading_error(message: str) -> str:
 def as_cloud(points: Any, label: str = "points") -> Floats:
     """Return ``points`` as (n, 2) or (n, 3) float64 with at least one row.
 
-    Raise InputError, which names ``label``, if they are of another shape or type, empty, or not finite.
+    Raise InputError, which names ``label``, if they are of another shape or type, empty, not finite or too large.
     """
     try:
         array = np.asarray(points)
