@@ -121,8 +121,8 @@ def _polyline_of_chains(mesh: TriangleMesh, chains: Chains) -> Polyline:
 def as_mesh_source(kind: str, file: str | Path | None, vertices: Any, faces: Any, surface: Any) -> TriangleMesh:
     """Return the mesh of a curve's keys: ``surface`` itself, or a faceted mesh from ``file`` or from arrays.
 
-    Raise InputError, which names ``kind``, if none or several are given, or ``surface`` is no ``TriangleMesh``; else as
-    :func:`triangles`.
+    Raise InputError, which names ``kind``, if none or several are given, or ``surface`` is no ``TriangleMesh``; and
+    InputError of :func:`triangles`.
     """
     arrays = vertices is not None or faces is not None
     count = (file is not None) + arrays + (surface is not None)

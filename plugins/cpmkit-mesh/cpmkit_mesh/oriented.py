@@ -36,12 +36,11 @@ class OrientedTriangleMesh(TriangleMesh):
         return (*super().all_warnings(), *support_warnings(self)) if self.smooth else super().all_warnings()
 
     def facet_normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit normals of triangles at creases at closest points ``feet``, NaN in other triangles.
+        """Return (n, 3) unit normals of the triangles that contain ``feet``; NaN if these have no corner at a crease.
 
-        Of a smooth mesh, a triangle with a corner at a crease (:attr:`at_crease`) is flat. Rows are also NaN where no
-        corner at a crease has a barycentric coordinate above :data:`NEAR_EDGE_COORDINATE`: the surface beyond that
-        corner or edge is smooth. On a faceted mesh all rows are NaN. Raise InputError if ``feet`` lack ``element`` or
-        ``local``.
+        Such triangles of a smooth mesh are flat (:attr:`at_crease`). Rows are also NaN where no corner at a crease has
+        a barycentric coordinate above :data:`NEAR_EDGE_COORDINATE`: the surface beyond that corner or edge is smooth.
+        On a faceted mesh all rows are NaN. Raise InputError if ``feet`` lack ``element`` or ``local``.
         """
         face, local = self._locate(feet)
         is_flat = (self.at_crease[self.faces[face]] & (local > NEAR_EDGE_COORDINATE)).any(axis=1)

@@ -95,8 +95,8 @@ def find_feet(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: boo
 
     ``nearest`` (n,) are the samples nearest to the queries ``x`` (n, d); a search ends at a step of length ``tiny``. If
     ``closed``, every edge is -1. Else feet on the rim, and those beyond it, which are moved onto it, have edge 0. A
-    foot is doubtful where the search did not converge or all samples lie on one side of it, of which a foot that was
-    moved onto the rim is free. It is not finite where the patches define no surface.
+    foot is doubtful where the search did not converge or all samples lie on one side of it, unless it was moved onto
+    the rim, and not finite where the patches define no surface.
     """
     from cpmkit_pointcloud import kernels
 

@@ -115,7 +115,7 @@ class PointCloud:
 
     @cached_property
     def trusted_distance(self) -> float:
-        """Distance from the surface up to which ``distance`` is the distance of the foot.
+        """Distance from the surface up to which ``distance`` is the distance of the foot, if this is not on the rim.
 
         Farther out the nearest foot may be another than the one that was found, and ``distance`` is a lower
         bound: the distance to the samples less :attr:`gap`, but not less than this.

@@ -113,9 +113,9 @@ def _curves(
 ) -> Iterator[DrawnCurve]:
     """Yield the curves of an element and its descendants, with properties inherited, in the order of the file.
 
-    Elements that are not displayed, not visible, of another namespace or only definitions have none.
-    ``outer`` (2, 3) maps the coordinates in which the element stands to the drawing's, as matrix and then translation;
-    ``above`` are inherited properties, ``named`` the elements by id; ``count[0]`` is increased for each shape. Raise
+    Elements that are not displayed, not visible, of another namespace or only definitions have none. ``outer`` (2, 3)
+    maps the coordinates in which the element stands to the drawing's, as matrix and then translation; ``above`` are
+    inherited properties, ``named`` the elements by id; ``count[0]`` is increased for each visible shape. Raise
     InputError if an element draws what is no curve, or an attribute is damaged.
     """
     own = {**above, **properties(element)}

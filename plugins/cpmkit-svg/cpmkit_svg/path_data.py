@@ -31,7 +31,7 @@ class Subpath:
 
 
 def subpaths(text: str, label: str) -> list[Subpath]:
-    """Return the subpaths that path data draw, those of one point left out.
+    """Return the subpaths that the path data ``text`` draw, without those of one point.
 
     Raise InputError if the data are damaged: the message names ``label`` and the place.
     """
