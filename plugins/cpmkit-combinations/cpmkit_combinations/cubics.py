@@ -176,7 +176,7 @@ def hermite_cubics(start: Floats, start_tangent: Floats, end: Floats, end_tangen
 
 
 def _merge_capsules(parts: Capsules, first: Ints, last: Ints, whole: Bools) -> Capsules:
-    """Return a capsule around each run of ``parts``, ``first`` (k,) to ``last`` included; ``whole`` (k,) is copied."""
+    """Return a capsule around each run of ``parts``, from ``first`` (k,) to ``last``; connected where ``whole``."""
     start, end = parts.start[first], parts.end[last]
     run = np.repeat(np.arange(len(first)), last - first + 1)
     off = [_distances_from_segments(points, start[run], end[run]) for points in (parts.start, parts.end)]

@@ -59,7 +59,8 @@ class Solid(Wrapper):
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d): a point inside is its own.
 
-        ``edge`` is -1 inside and 0 outside; where a union encloses the solid, 1000 times the number of the member.
+        ``edge`` is -1 inside. Outside it is 0, of a solid enclosed by a union 1000 times the number of the foot's
+        member.
         Raise InputError if ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         x = as_points(x, self.dim)
@@ -119,8 +120,8 @@ def signed_height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
 def fill_area(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
     """Return vertices (v, 2) and triangles (m, 3), with edges of about ``spacing``, that fill a plane area.
 
-    They are the triangles, counterclockwise, of a square lattice with a corner inside; corners outside are moved to the
-    edge, and triangles that have no positive area then are dropped.
+    They are the triangles, counterclockwise, of a square lattice with a corner inside, none if no point of it is
+    inside; corners outside are moved to the edge, and triangles that have no positive area then are dropped.
     """
     lower, upper = np.asarray(area.bounds, dtype=np.float64)
     points, triangles = rectangle(lower, upper, spacing)

@@ -72,8 +72,8 @@ class Union:
         """Return the closest points of ``x`` (n, d).
 
         ``element`` is the number of the member, and ``edge`` the edge number on the member plus its ``first_edges``:
-        1000 for each member before it, more for members with more edges. Raise InputError if ``x`` holds NaN or
-        infinity, its shape is not (n, d), or a member numbers an edge beyond its limit.
+        1000 for each member before it, more for members with more edges; -1 off all edges. Raise InputError if ``x``
+        holds NaN or infinity, its shape is not (n, d), or a member numbers an edge beyond its limit.
         """
         x = as_points(x, self.dim)
         # An end that lies in another member is as near as this member, up to rounding, and is no edge there.

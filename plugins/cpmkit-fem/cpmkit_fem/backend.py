@@ -22,7 +22,7 @@ from cpmkit_fem.flips import flip_thin_triangles
 from cpmkit_fem.form import FiniteElements
 from cpmkit_fem.on_nodes import conditions_of
 from cpmkit_fem.pins import pins_of
-from cpmkit_fem.quadratic import add_midpoints, curve_mesh
+from cpmkit_fem.quadratic import add_midpoints, fit_curved_cells
 from cpmkit_fem.ties import ties_of
 from cpmkit_fem.triangulation import own_mesh, scene_mesh
 
@@ -88,7 +88,7 @@ class Elements:
                 mesh = flip_thin_triangles(mesh, cut.edges)
         mesh = add_midpoints(mesh) if degree == 2 else mesh
         if curves_cells:
-            mesh, off = curve_mesh(scene, mesh, cut)
+            mesh, off = fit_curved_cells(scene, mesh, cut)
             cut = cut and replace(cut, warnings=(*cut.warnings, *_flat_cell_warnings(mesh, off)))
         return _discretize(scene, mesh, cut, progress)
 

@@ -99,7 +99,7 @@ class CellMesh:
     def check_cells(self) -> None:
         """Raise InputError if the mesh has no cells, or has triangles without area."""
         if not len(self.cells):
-            raise InputError("backend='fem' needs triangles with three different corners, got none.")
+            raise InputError("backend='fem' needs triangles with three different corners, got none; take a finer mesh.")
         if self.manifold_dim == 1:
             return
         a, b, c = (self.nodes[self.corners[:, k]] for k in range(3))

@@ -15,7 +15,7 @@ def ends_in_gaps(curve: ClosestPointSource, mesh: CellMesh, pinned: Ints) -> Int
     """Return the nearer end (k,) of each edge that ``curve`` crosses and of which no end is in ``pinned`` (p,).
 
     Where triangles are far from Delaunay, the nearest vertices of neighbouring points of a curve need not share an
-    edge. With these ends every path along edges from one side to the other meets a pin. A source of points has none.
+    edge. With these ends every path along edges from one side to the other meets a pin. Points have none.
     """
     if curve.manifold_dim != 1:
         return np.zeros(0, dtype=np.int64)

@@ -35,7 +35,7 @@ def add_midpoints(mesh: CellMesh) -> CellMesh:
     return CellMesh(np.concatenate([mesh.nodes, mesh.nodes[edges].mean(axis=1)]), cells, mesh.manifold_dim, 2)
 
 
-def curve_mesh(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellMesh, Floats]:
+def fit_curved_cells(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellMesh, Floats]:
     """Return the mesh with nodes moved onto the surface, rim and boundaries, and (n,) their distances from that goal.
 
     ``mesh`` is of degree 2 with straight edges; ``cut`` is None without boundaries. Nodes near the rim and boundaries

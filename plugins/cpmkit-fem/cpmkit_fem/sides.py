@@ -22,7 +22,7 @@ DIFFERENCE_EDGE_SHARE = 0.5
 def sides_of(scene: Scene, mesh: CellMesh, cut: CutMesh) -> Sequence[RimPart]:
     """Return the facets on each side of each boundary with the side's law, except laws that couple two sides.
 
-    Raise SceneError if a point of the surface has another condition than a value.
+    Raise SceneError if a boundary that is a point of the surface has another condition than a value.
     """
     parts = []
     for number, boundary in enumerate(scene.boundaries):

@@ -63,6 +63,8 @@ def _weld(vertices: Floats, faces: Ints) -> CellMesh:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
+    if not len(faces):
+        return CellMesh(vertices[:0], faces, faces.shape[1] - 1)
     rounding = 4 * np.finfo(float).eps * np.abs(vertices).max()
     pairs = cKDTree(vertices).query_pairs(
         max(WELDED_SIZE_SHARE * np.ptp(vertices, axis=0).max(), rounding), output_type="ndarray"

@@ -26,6 +26,12 @@ def test_slivers_have_their_eigenvalues():
     np.testing.assert_allclose(solution.eigenvalues, along, rtol=1e-6, atol=1e-10)
 
 
+def test_a_spacing_so_coarse_that_no_triangle_is_left_is_refused():
+    disc = ck.source("solid", of=ck.source("analytic.circle"))
+    with pytest.raises(ck.InputError, match=r"got none; take a finer mesh"):
+        ck.solve(ck.Scene(disc, ck.ScreenedPoisson(f="x", c=1.0)), 3.0, backend="fem")
+
+
 def test_as_many_eigenvalues_as_a_mesh_has_vertices_are_found_and_no_more():
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     mesh = ck.source("mesh.triangles", vertices=vertices, faces=[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

@@ -88,6 +88,7 @@ def _ellipsoid_points(rng: np.random.Generator, n: int) -> Floats:
 
 
 def _ellipsoid_keys() -> dict[str, Any]:
+    """Return the keys of the ellipsoid with half axes ``AXES`` for ``levelset.callable``."""
     return {
         "phi": lambda p: (p**2 / AXES**2).sum(axis=1) - 1,
         "gradient": lambda p: 2 * p / AXES**2,
@@ -96,7 +97,7 @@ def _ellipsoid_keys() -> dict[str, Any]:
 
 
 def _grid_keys() -> dict[str, Any]:
-    """Return values that no polynomial gives, so that the cells' polynomials meet at a slight angle."""
+    """Return the keys of a grid, with values of no polynomial: then those of the cells meet at a slight angle."""
     lower, spacing = np.array([-1.2, -0.9, -0.7]), 0.05
     nodes = lower + spacing * np.indices((49, 37, 29)).transpose(1, 2, 3, 0)
     phi = (nodes**2 / AXES**2).sum(axis=-1) - 1

@@ -32,9 +32,10 @@ def crease_kinks(field: Field, samples: Floats, size: float, spacing: float) -> 
 
 
 def layered_set(zero_set: ZeroSet, samples: Floats, kinks: tuple[FormulaField, ...], spacing: float) -> LayeredSet:
-    """Return the level set or edge ``zero_set`` as faces, creases and corners, which the zeros of ``kinks`` are.
+    """Return the level set ``zero_set`` as faces, with creases at zeros of ``kinks`` and corners where creases meet.
 
-    ``samples`` (n, d) are those of the set, taken from a lattice of ``spacing``. A face has one sign of each kink.
+    An edge, of two fields, has arcs in place of faces, and corners at the zeros of kinks. ``samples`` (n, d) are those
+    of the set, taken from a lattice of ``spacing``. A face or arc has one sign of each kink.
     """
     covering, size = COVERING_SPACINGS * spacing, zero_set.size
     creases = [ZeroSet((zero_set.fields[-1], kink), size) for kink in kinks]

@@ -46,7 +46,10 @@ def fill_newton_steps(tangents, bending, force, stride, step, length):
 
 @inlined
 def _step_in_plane(force, a, b, c, least):
-    """Return the step's coordinates for a force (2,) and the second derivative ((a, b), (b, c)), by principal axes."""
+    """Return the step's coordinates for a force (2,) and the second derivative ((a, b), (b, c)), by principal axes.
+
+    ``least`` is as for :func:`_step_along_direction`.
+    """
     if 0.5 * (a + c) - math.hypot(0.5 * (a - c), b) >= LEAST_SECOND_DERIVATIVE:
         determinant = a * c - b * b
         return (c * force[0] - b * force[1]) / determinant, (a * force[1] - b * force[0]) / determinant

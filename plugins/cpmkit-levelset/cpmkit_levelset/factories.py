@@ -126,7 +126,7 @@ def grid(
     Parameters
     ----------
     spacing : number or d numbers
-        The distance of neighbouring grid points.
+        The distance of neighbouring grid points, above zero.
     values : (n0, n1[, n2]) array
         phi at origin + spacing * (i, j, k), for ``values[i, j, k]``; at least six along each axis.
     file : str or Path
@@ -152,7 +152,7 @@ def grid(
 
 
 def dziuk(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
-    """Return (x - z^2)^2 + y^2 + z^2 = 1 (Dziuk, 1988).
+    """Return the surface (x - z^2)^2 + y^2 + z^2 = 1 (Dziuk, 1988).
 
     ``trim`` is a formula, <= 0 on the part kept; ``resolution``, 8 to 512, counts sample cells along the longest side.
     """
@@ -161,10 +161,11 @@ def dziuk(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet
 
 
 def decotetrahedron(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
-    """Return the sum of (x_i - 2)^2 (x_i + 2)^2 - 10 x_i^2, with 3 (x^2 y^2 + x^2 z^2 + y^2 z^2) + 6 x y z, = -22.
+    """Return a surface with four lobes on a hollow body (King et al. (2024), section 7.2, after 3D-XplorMath).
 
-    Four lobes on a hollow body (King et al. (2024), section 7.2, after 3D-XplorMath); its size is about 6. ``trim`` is
-    a formula, <= 0 on the part kept; ``resolution``, 8 to 512, counts sample cells along the longest side.
+    On it the sum of (x_i - 2)^2 (x_i + 2)^2 - 10 x_i^2, plus 3 (x^2 y^2 + x^2 z^2 + y^2 z^2) + 6 x y z, is -22; its
+    size is about 6. ``trim`` is a formula, <= 0 on the part kept; ``resolution``, 8 to 512, counts sample cells along
+    the longest side.
     """
     lobes = " + ".join(f"({c} - 2)**2*({c} + 2)**2 - 10*{c}**2" for c in "xyz")
     phi = f"{lobes} + 3*(x**2*y**2 + x**2*z**2 + y**2*z**2) + 6*x*y*z + 22"
@@ -172,7 +173,7 @@ def decotetrahedron(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -
 
 
 def tooth(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
-    """Return x^4 + y^4 + z^4 = x^2 + y^2 + z^2, without the point at the origin, which is no part of the surface.
+    """Return the surface x^4 + y^4 + z^4 = x^2 + y^2 + z^2, without the isolated point at the origin.
 
     ``trim`` is a formula, <= 0 on the part kept; ``resolution``, 8 to 512, counts sample cells along the longest side.
     """
@@ -183,7 +184,7 @@ def tooth(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet
 def goursat(
     *, a: Any = 0.0, b: Any = -5.0, c: Any = 11.8, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION
 ) -> LevelSet:
-    """Return x^4 + y^4 + z^4 + a (x^2 + y^2 + z^2)^2 + b (x^2 + y^2 + z^2) + c = 0 (Goursat, 1887).
+    """Return the surface x^4 + y^4 + z^4 + a (x^2 + y^2 + z^2)^2 + b (x^2 + y^2 + z^2) + c = 0 (Goursat, 1887).
 
     The defaults give the tangle cube. ``trim`` is a formula, <= 0 on the part that is kept, ``resolution`` the
     lattice's cells along the longest side, 8 to 512. Raise InputError if the numbers give no bounded surface.

@@ -134,7 +134,10 @@ class LevelSet:
         return feet.points, self._orient_cells(feet, cells)
 
     def advice(self, _spacing: float, /) -> Advice:
-        """Return the error that the field's error causes in a solution at any spacing, and a warning if it is large."""
+        """Return the error that the field's error causes in a solution at any spacing.
+
+        A gradient by differences that is far off gives a warning. Only meshes of curves serve for samples.
+        """
         warnings = ()
         if isinstance(self.field, FunctionField) and self.slope_error > ROUGH_SLOPE_SHARE:
             warnings = (
@@ -190,7 +193,7 @@ class LevelSet:
 
     @cached_property
     def _extent(self) -> Floats:
-        """(2, d) the box around the feet of queries so far away that their feet are the extreme points."""
+        """(2, d) the box, a little widened, around the feet of queries so far away that these are extreme points."""
         size, centre = self.surface.size, self.box.mean(axis=0)
         directions = np.concatenate([-np.eye(self.dim), np.eye(self.dim)])
         extremes = self._find_feet(centre + 1e6 * size * directions)[0]

@@ -68,7 +68,7 @@ class Domain:
         return np.where(~self.periodic & (s > 1 - AT_BOUND_SHARE), 1.0, s)
 
     def neighbours(self, shape: tuple[int, ...]) -> Ints:
-        """Return the numbers (cells, 3^m - 1), in C order, of the cells around each; itself where there is none."""
+        """Return the neighbours (c, 3^m - 1) of each cell of a grid of ``shape`` cells; itself where there is none."""
         cells = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1)
         offsets = np.stack(np.meshgrid(*[[0, 1, -1]] * len(shape), indexing="ij"), axis=-1).reshape(-1, len(shape))[1:]
         around = (cells[:, None] + offsets).reshape(-1, len(shape))
@@ -80,7 +80,7 @@ class Domain:
         return np.asarray(np.ravel_multi_index(tuple(indices.T), shape).reshape(len(cells), -1), dtype=np.int64)
 
     def ends(self, shape: tuple[int, ...]) -> Floats:
-        """Return (cells, m): 0 or 1 where a cell touches that end of a bounded parameter but no pole, else NaN."""
+        """Return (c, m): 0 or 1 where a cell of a grid of ``shape`` touches that end, bounded and no pole; else NaN."""
         cells = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1)
         ends = np.where(cells == 0, 0.0, np.where(cells == np.array(shape) - 1, 1.0, np.nan))
         ends = np.where(self.periodic, np.nan, ends)
@@ -152,8 +152,9 @@ class Sides:
 def find_sides(map: UnitMap, domain: Domain, size: float) -> Sides:
     """Return the poles and the edge loops at the ends of parameters: of a curve its ends 0, 1.
 
-    A side whose image is no longer than 1e-9 of ``size``, the diagonal of the whole image's box, is a pole. Of one
-    bounded parameter the longer side is loop 0, the other 1. Two have one loop, 0, and so has a flipped ``domain``.
+    A side whose image is no longer than 1e-9 of ``size``, the diagonal of the whole image's box, is a pole. If one
+    parameter is bounded, its longer side is loop 0, the other 1. If two are, their sides are one loop, 0, and so are
+    those of a flipped ``domain``.
     """
     if map.count == 1:
         ends = np.array([[-1, -1]] if domain.periodic[0] else [[0, 1]], dtype=np.int64)

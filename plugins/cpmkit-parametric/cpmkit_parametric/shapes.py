@@ -29,11 +29,11 @@ def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, tr
     Parameters
     ----------
     a : whole number
-        How many times it winds about the axis, the z axis, up to 1000.
+        How many times it winds about the axis, the z axis, from 1 to 1000.
     b : whole number
-        How many times it winds about the core, up to 1000.
+        How many times it winds about the core, from 1 to 1000.
     major : number
-        Radius of the circle in the middle of the torus.
+        Radius of the circle in the middle of the torus, its core.
     minor : number
         Radius of the torus's tube, above zero and smaller than ``major``.
     translation : (3,) numbers, optional
@@ -106,7 +106,7 @@ def revolution(
     """Return the surface that a profile sweeps about the z axis; u is the angle and v the profile's t.
 
     Normals point away from the axis where the height grows with t. Raise InputError if a value is not as stated, the
-    distance is negative, the ends of a periodic profile do not meet, or as :func:`surface` for the map.
+    distance is negative, the ends of a periodic profile do not meet, or the map is refused as by :func:`surface`.
 
     Parameters
     ----------

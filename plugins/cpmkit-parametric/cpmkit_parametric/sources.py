@@ -147,7 +147,7 @@ class Curve(Parametric):
     """A curve with tangents."""
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return unit tangents (n, d) at ``feet`` in the direction of growing t; where x' is zero, along the chord."""
+        """Return unit tangents (n, d) at ``feet`` in the direction of growing t, where x' is zero along a chord."""
         s = self._unit_parameters(feet)
         along = self.map.jet(s)[1][:, 0]
         resting = np.linalg.norm(along, axis=1) < VANISHING_DERIVATIVE_SHARE * self.size
