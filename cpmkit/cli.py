@@ -225,7 +225,7 @@ def plugins(kind: str | None, as_json: bool) -> None:
     """List the kinds that scenes can name, or the keys of one KIND or family of kinds.
 
     Names are read from the metadata of installed distributions without importing plugins. For a KIND, such as
-    `analytic.torus`, `analytic` or `heat`, its keys, their accepted values and their defaults are listed.
+    `analytic.torus`, `analytic` or `heat`, its keys, their types, defaults and meaning are listed.
     """
     if kind is not None:
         from cpmkit.scenefile.kinds import kinds as documented

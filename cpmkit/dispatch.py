@@ -93,7 +93,7 @@ def resolve_options(
 
     The function has no arguments and returns the discretised scene. The lattice options are None for a ``backend``
     other than "cpm", for which ``spacing`` may be None. Raises InputError if an option is not accepted, SceneError if
-    the form cannot discretise the scene, and PluginError if no installed plugin offers the back end.
+    a form "cpm" cannot discretise the scene, and PluginError if no installed plugin offers the back end.
     """
     if backend != "cpm":
         label = f"the back end {backend!r}"

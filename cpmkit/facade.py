@@ -40,7 +40,7 @@ class Solution(SolutionRecord):
     def error(self) -> ErrorEstimate:
         """The estimated error: the estimate that :func:`cpmkit.solve` made, or one computed on first use.
 
-        It is computed by solving on a lattice of twice the spacing, for about a quarter of the cost of the solution.
+        It is computed by a solve on a lattice of twice the spacing, on surfaces for a quarter of the solution's cost.
 
         Raises CpmkitError if the scene cannot be solved at twice the spacing, or the solution has no lattice, was made
         with ``estimate=False``, or its form has no estimate.
@@ -151,7 +151,7 @@ class EvolvedSolution(Solution, EvolvedRecord):
 
     @document_look
     def animate(self, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:
-        """Write the frames as a film, ``.gif`` or ``.mp4``, by default 700 pixels wide, and return its path."""
+        """Write the frames as a film; see :func:`cpmkit.view.pictures.animate` for suffixes, defaults and errors."""
         from cpmkit.view.pictures import animate
 
         return animate(self, path, fps, **options)

@@ -171,16 +171,16 @@ def prescribed_range(scene: ck.Scene, spacing: float) -> Floats:
 
 
 def _prescribed_values(condition: Any, curve: ClosestPointSource | None, spacing: float) -> Floats:
-    """Return the values (k, 3) that a condition prescribes: k = 0 for Neumann(0), rows of 0 and of 1 if unknown.
+    """Return the values (k, 3) that a condition prescribes: k = 0 for zero flux, rows of 0 and of 1 if unknown.
 
     A function is sampled ``spacing`` apart on ``curve``, the source of its boundary; None for the edge.
     """
     unknown = np.array([[0.0] * 3, [1.0] * 3])
-    datum = condition.data()[0][1] if len(condition.data()) == 1 else None
-    if condition.kind == "neumann":
-        return unknown[:0] if np.isscalar(datum) and datum == 0 else unknown
+    if condition.law.is_zero_flux:
+        return unknown[:0]
     if condition.kind != "dirichlet":
         return unknown
+    datum = condition.value
     if isinstance(datum, Ramp):
         return datum.colours
     if callable(datum):

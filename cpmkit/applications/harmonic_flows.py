@@ -112,7 +112,7 @@ def _implicit_step(prepared: Prepared, target: ClosestPointSource, state: _State
 
 
 def _tangential_parts(target: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
-    """Return the tangential parts (p, k) of ``vectors`` (p, k) at ``points`` (p, k) of the target."""
+    """Return the tangential parts (p, k) of ``vectors`` (p, k) at ``points`` (p, k) of the target, by differences."""
     step = 1e-4 * float(np.ptp(target.bounds, axis=0).max())
     longest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
     if longest == 0.0:

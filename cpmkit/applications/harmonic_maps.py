@@ -52,8 +52,8 @@ class SurfaceMap(Result):
     def degree(self) -> int:
         """Number of times that the target is covered, with sign; of maps between closed surfaces with meshes.
 
-        Raises InputError if one of the surfaces is not closed or has no mesh. Raises ResolutionError if the covered
-        area is no multiple of the target's: the spacing is too large.
+        Raises InputError if one of the surfaces is not closed and oriented or has no mesh, ResolutionError if the
+        covered area is no multiple of the target's: the spacing is too large.
         """
         return degree_and_area(self.solution.scene.surface, self.target, self.evaluate, self.solution.spacing)[0]
 

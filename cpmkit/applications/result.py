@@ -52,7 +52,7 @@ TRIANGLES = np.array([[0, 1, 8], [8, 1, 7], [1, 2, 7], [7, 2, 6], [3, 4, 5]])
 
 
 def subsample_points(points: Floats, distance: float) -> Ints:
-    """Return the indices (k,), the same at every call, of ``points`` (n, d) of which no two are within ``distance``."""
+    """Return indices (k,), always the same, of ``points`` (n, d), no two within ``distance`` and none left to add."""
     from scipy.spatial import cKDTree
 
     neighbours = cKDTree(points).query_ball_point(points, distance)

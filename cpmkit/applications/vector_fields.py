@@ -253,7 +253,7 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
 
 
 def _curve_directions(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:
-    """Return a function that maps points (k, 3) of a curve in ``surface`` to unit directions (k, 3).
+    """Return a function that maps points (k, 3) of a curve in ``surface`` to unit tangents (k, 3), zero if normal.
 
     Raises InputError if ``which`` is neither the name of a direction, a vector (3,) nor a function of points.
     """

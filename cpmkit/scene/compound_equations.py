@@ -130,9 +130,9 @@ class Eigen(Equation[EigenFamily]):
             number(self.near, "near of eigen")
 
     def direct_solver_limit(self, multigrid: bool) -> float:
-        """Return the largest number of unknowns for the direct solver, as :class:`Equation` does; 60 with ``near``.
+        """Return the largest number of unknowns for the direct solver, as :meth:`Equation.direct_solver_limit` does.
 
-        That is beside ``multigrid``, each of whose solves takes about 20 cycles inside the spectrum.
+        It is 60 with ``near`` beside ``multigrid``, each of whose solves takes about 20 cycles inside the spectrum.
         """
         return 60.0 if multigrid and self.near is not None else super().direct_solver_limit(multigrid)
 

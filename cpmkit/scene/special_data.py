@@ -246,7 +246,7 @@ class Divergence(Functional):
         return self * -1.0
 
     def __mul__(self, factor: float) -> Divergence:
-        """Return the divergence with its scale times ``factor``; raise InputError if ``beside`` is not zero."""
+        """Return the divergence times a number ``factor``; raise InputError for others, or a ``beside`` not zero."""
         if not is_zero(self.beside):
             raise InputError("a divergence with a function beside it is not multiplied; give its scale.")
         return replace(self, scale=self.scale * number(factor, "a factor of a divergence"))

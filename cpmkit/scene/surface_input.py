@@ -39,7 +39,8 @@ def as_source(mesh: Any) -> Any:
     Raises
     ------
     InputError
-        If a mesh has solids or other cells that are not accepted, or no faces, or its faces name vertices wrongly.
+        If a mesh has solids or other cells that are not accepted, such as a PolyData with lines, or no faces, or its
+        faces name vertices wrongly.
     """
     if callable(getattr(mesh, "closest_point", None)):
         return mesh

@@ -63,7 +63,7 @@ def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
 
 
 def first_sentence(text: str | None) -> str:
-    """Return the first sentence of a docstring on one line, with the last part of the name in place of each link."""
+    """Return the first sentence of a docstring, or its first paragraph, on one line; links as last parts of names."""
     paragraph = " ".join(inspect.cleandoc(text or "").split("\n\n")[0].split())
     paragraph = re.sub(r":[\w:]+:`~?([^`]+)`", lambda link: link[1].rpartition(".")[2], paragraph)
     sentence = re.match(r"(.*?[.!?])(?= [A-Z`]|$)", paragraph)

@@ -94,6 +94,8 @@ def test_colours_at_a_tip_are_clipped_to_those_imposed():
     scene = ck.Scene(SPHERE, ck.Laplace(), [ck.Boundary("lamp", lamp, both=ck.Neumann(0.1))])
     lit = diffusion_curves(scene, [(ARC, arc)], spacing=0.3)
     np.testing.assert_array_equal(lit.ends, [[0, 0, 0], [1, 1, 1]])
+    wall = ck.Scene(SPHERE, ck.Laplace(), [ck.Boundary("wall", lamp, both=ck.Neumann([0.0, 0.0, 0.0]))])
+    np.testing.assert_allclose(diffusion_curves(wall, [(ARC, arc)], spacing=0.3).ends, found.ends, atol=1e-12)
 
 
 def test_a_side_without_a_colour_lets_nothing_pass_and_a_scene_holds_besides():
