@@ -208,8 +208,8 @@ def _solve_vectors(arguments: dict[str, Any], _wants_error: bool) -> Application
 def distance(origins: tuple[str, ...], signed: bool, method: str, starts: tuple[str, ...], **keys: Any) -> None:
     """Compute geodesic distances on a scene's surface, and write the files of [output].
 
-    Boundaries that are not named with --from are barriers, and have the condition neumann = 0. The scene's equation is
-    not used.
+    Boundaries that are not named with --from are barriers, and must have the condition neumann = 0. The scene's
+    equation is not used.
     """
     from cpmkit.errors import InputError
 
@@ -229,7 +229,7 @@ def _solve_distance(
     """Return the distance from ``origins`` (names or "x,y,z"), and shortest paths from ``starts`` ("x,y,z").
 
     ``signed`` and ``method`` choose the function and its method; ``arguments`` are its other keywords, with the scene
-    as ``surface``. ``wants_error`` adds the error estimate. Raises InputError if a piece of the surface has no origin.
+    as ``surface``. ``wants_error`` adds the error estimate. Raises InputError if an unsigned distance is infinite.
     """
     import numpy as np
 

@@ -48,7 +48,7 @@ class CommandGroup(click.Group):
         return [*self.commands, *(name for name in _plugin_commands() if name not in self.commands)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command ``cmd_name`` or None; import that of a plugin, and raise PluginError if that fails."""
+        """Return the command ``cmd_name`` or None; raise PluginError if that of a plugin does not import or is none."""
         built_in = super().get_command(ctx, cmd_name)
         point = _plugin_commands().get(cmd_name)
         if built_in or point is None:
@@ -106,7 +106,7 @@ def _click_error(ctx: click.Context, error: Exception) -> click.ClickException:
 
 
 def _stage_text(ctx: click.Context) -> str:
-    """Return " during the stage ... of FILE" for the running command, without unknown parts; "" if both are."""
+    """Return " during the stage ... of FILE" for the running command, or what is known: " for FILE", or ""."""
     stage, file = ctx.meta.get(STAGE_KEY), ctx.meta.get(FILE_KEY)
     if stage:
         return f" during the stage {stage!r}" + (f" of {file}" if file else "")
@@ -125,7 +125,7 @@ traceback_option = click.option(
 
 @contextmanager
 def progress_callback(file: Path, quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
-    """Yield a callback (stage, share from 0 to 1): shown unless ``quiet``, and stored with ``file`` for errors."""
+    """Yield a callback (stage, share from 0 to 1), shown unless ``quiet``; errors then name the stage and ``file``."""
     from cpmkit.runtime.progress import ProgressLine
     from cpmkit.types import no_progress
 
@@ -249,10 +249,10 @@ def print_outcome(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Print the outcome of a command: the summary as JSON, or lines and ``warnings``, or only these if ``quiet``.
+    """Print the outcome of a command: ``summary`` as JSON, else lines and ``warnings``; if ``quiet``, warnings alone.
 
     The lines are ``head``, seconds, the error and the solves that reached the accuracy target of ``solution``,
-    ``lines``, and the files. ``summary`` is that of the written results; warnings are printed without ``as_json``.
+    ``lines``, and the files. ``summary`` is that of the written results. If ``quiet``, warnings go to standard error.
     """
     if as_json:
         click.echo(json.dumps(summary, indent=2))
@@ -274,7 +274,7 @@ def spacing_and_options(loaded: SceneFile, spacing: float | None, **target: Any)
     """Return the spacing, None with an accuracy target in its place, and the options of ``solve``.
 
     ``spacing`` and ``target`` (accuracy target and other options, None if absent) of the command line take precedence
-    over those of the scene file.
+    over those of the scene file: a spacing over its whole accuracy target, and a target over its spacing.
     """
     from cpmkit.forms.options import AccuracyTarget
     from cpmkit.runtime.options import declared_options
@@ -291,8 +291,8 @@ def spacing_and_options(loaded: SceneFile, spacing: float | None, **target: Any)
 def add_estimate(solution: Solution, wanted: bool | None, drawn: bool = False) -> Solution:
     """Return a solution with an error estimate if ``wanted``, or by default if it is drawn or the solve took long.
 
-    An error that cannot be estimated is left out by default, so that the solution is not lost; if ``wanted``, the
-    CpmkitError is raised.
+    An estimate that it has stays. An error that cannot be estimated is left out by default, so that the solution is not
+    lost; if ``wanted``, the CpmkitError is raised.
     """
     from dataclasses import replace
 

@@ -26,28 +26,16 @@ DAMAGE_ERRORS = (ValueError, TypeError, KeyError, EOFError, SyntaxError, Overflo
 def read_array(path: Path, label: str = "an array of numbers") -> np.ndarray:
     """Return the array in an ``.npy`` file, of the type and shape that it has there.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    label : str
-        Description of the expected contents, for errors.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be opened, is no ``.npy`` file, holds other data than integers or real numbers, is
-        shorter than its header says, or larger than the available memory.
+    ``label`` describes the expected contents in errors. Raises InputError if the file cannot be opened, is no ``.npy``
+    file, holds other data than integers or real numbers, is shorter than its header says, or larger than the available
+    memory.
     """
     with explain_system_error(f"{shown(path.name)} cannot be read"), path.open("rb") as opened:
         return _read_stream(opened, path.stat().st_size, path.name, f"a .npy file with {label}", "iuf")
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return the bytes of the file ``path``.
-
-    Raises InputError if the file is larger than the available memory, OSError if it cannot be read.
-    """
+    """Return the bytes of a file; raise InputError if it exceeds the available memory, OSError if unreadable."""
     _check_size(path.stat().st_size, path.name)
     return path.read_bytes()
 
@@ -59,8 +47,8 @@ def read_arrays(
 
     Other arrays are not read. ``label`` describes the expected file in errors, such as "a saved solution". ``check`` is
     called with the name, shape and type in each array's header before any array is read, and may raise. Raises
-    InputError if the file cannot be opened, is not whole, or an array in it is of another kind, or larger than the
-    available memory.
+    InputError if the file cannot be opened, is not whole, or an array in it holds other data than numbers, truth values
+    and text, or is larger than the available memory.
     """
     try:
         with explain_system_error(f"{shown(path.name)} cannot be read"), zipfile.ZipFile(path) as archive:
@@ -69,7 +57,7 @@ def read_arrays(
             _check_size(sum(entry.file_size for entry in members.values()), path.name)
             for name, entry in members.items():
                 with archive.open(entry) as opened:
-                    shape, _, dtype, _ = _header(opened)
+                    shape, _, dtype, _ = _read_header(opened)
                     check(name, shape, dtype)
             read = {}
             for name, entry in members.items():
@@ -98,7 +86,7 @@ def _read_stream(opened: IO[bytes], length: int, name: str, label: str, kinds: s
     file is damaged or cut off; ``name`` and ``label`` are the file and its expected contents in messages.
     """
     try:
-        shape, fortran, dtype, header = _header(opened)
+        shape, fortran, dtype, header = _read_header(opened)
     except DAMAGE_ERRORS as error:
         raise InputError(f"{shown(name)} is not {label}, or its header is damaged.") from error
     if dtype.kind not in kinds:
@@ -113,7 +101,7 @@ def _read_stream(opened: IO[bytes], length: int, name: str, label: str, kinds: s
         raise InputError(f"{shown(name)} ends before its last number: it is cut off or damaged.") from error
 
 
-def _header(opened: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
+def _read_header(opened: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
     """Return (shape, True for Fortran order, type, length in bytes) of the .npy header that is read from ``opened``.
 
     Raises one of :data:`DAMAGE_ERRORS` if the header is damaged.
@@ -141,9 +129,9 @@ def read_saved(
 ) -> dict[str, np.ndarray]:
     """Return the arrays of an ``.npz`` file that ``table`` names, floats as float64 and whole numbers as int64.
 
-    Shapes are compared before an array is read: with the known ``sizes``, by name, and with each other. ``label``
-    describes the file in errors. Raises InputError if the file is missing, damaged, or no ``.npz`` file, lacks a needed
-    array, or has an array of another type or shape than in ``table``, or with NaN or infinity.
+    An array that is not needed may be absent. Shapes are compared before an array is read: with the known ``sizes``, by
+    name, and with each other. ``label`` describes the file in errors. Raises InputError if the file is missing, damaged
+    or no ``.npz`` file, lacks a needed array, or has one of another type or shape, or with NaN or infinity.
     """
     rows, known = {row.name: row for row in table}, dict(sizes or {})
 

@@ -34,13 +34,13 @@ def numbers(least: float = -math.inf, most: float = math.inf) -> ValueKind:
         except OverflowError:  # a whole number of hundreds of digits
             return False
 
-    return ValueKind(f"a finite number{_range(least, most)}", accepts)
+    return ValueKind(f"a finite number{_range_text(least, most)}", accepts)
 
 
 def whole_numbers(least: float = -math.inf, most: float = math.inf) -> ValueKind:
     """Return the kind of integers from ``least`` to ``most``, without true and false."""
     return ValueKind(
-        f"a whole number{_range(least, most)}", lambda value: type(value) is int and least <= value <= most
+        f"a whole number{_range_text(least, most)}", lambda value: type(value) is int and least <= value <= most
     )
 
 
@@ -79,8 +79,7 @@ def check_fields(
 ) -> Mapping[str, Any]:
     """Return ``table`` if it has all ``needed`` fields, and these and its ``optional`` fields are of their kinds.
 
-    Raises InputError if it is no table, or a field is missing or not of its kind; the message names ``where`` and the
-    field.
+    Other fields may be there. Raises InputError, with the name ``where``, if it is no table or a field is not so.
     """
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table, got {shown(table)}.")
@@ -95,8 +94,9 @@ def check_fields(
 def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
     """Return an object of a dataclass with plain fields from the table as which it was saved; unknown keys are ignored.
 
-    Lists become tuples. Raises InputError, with the name ``where``, if a field without a default is missing, or a value
-    is not of the field's type (integers must not be negative), TypeError if a field's type is not of plain values.
+    Lists become tuples. Raises InputError, with the name ``where``, if ``saved`` is no table, a field without a default
+    is missing, or a value is not of the field's type (integers must not be negative); TypeError if a field's type is
+    not of plain values.
     """
     hints = get_type_hints(record)
     kinds = {field.name: _kind(hints[field.name]) for field in fields(record)}  # type: ignore[arg-type] # a dataclass
@@ -112,7 +112,7 @@ def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
 
 
 def _kind(hint: Any) -> ValueKind:
-    """Return the kind of plain values that the annotation ``hint`` accepts; raise TypeError for other annotations."""
+    """Return the kind of plain values of the annotation ``hint``, of a tuple that of its first type; else TypeError."""
     plain = {str: TEXT, bool: FLAG, int: whole_numbers(0), float: numbers()}
     if hint in plain:
         return plain[hint]
@@ -128,8 +128,8 @@ def _kind(hint: Any) -> ValueKind:
     raise TypeError(f"{hint} is not the type of a plain value")
 
 
-def _range(least: float, most: float) -> str:
-    """Return the bounds in words, such as " of at least 0 and at most 9"; without infinite bounds."""
+def _range_text(least: float, most: float) -> str:
+    """Return the bounds in words, such as " of at least 0 and at most 9"; infinite bounds are left out."""
     low = f" of at least {least:g}" if math.isfinite(least) else ""
     return f"{low}{' and' if low and math.isfinite(most) else ''}{f' at most {most:g}' if math.isfinite(most) else ''}"
 
@@ -152,7 +152,7 @@ def read_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], 
     character or a whole number beyond 64 bits. InputErrors of ``make`` are raised with the file's name.
     """
     path = Path(path)
-    tables = _tables(path, label, like)
+    tables = _read_tables(path, label, like)
     try:
         _check_values(tables)
         return make(tables, path)
@@ -160,7 +160,7 @@ def read_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], 
         raise type(error)(f"{path.name}: {error}") from error
 
 
-def _tables(path: Path, label: str, like: str) -> dict[str, Any]:
+def _read_tables(path: Path, label: str, like: str) -> dict[str, Any]:
     """Return the tables of a TOML file; raise SceneError if it is missing, too large or does not parse."""
     try:
         if not path.is_file():

@@ -35,8 +35,9 @@ def explain_system_error(failure: str) -> Iterator[None]:
 def written_whole(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside ``path`` to write to; after the block the file is renamed to ``path``.
 
-    If the block raises, ``path`` is unchanged and the unfinished file is removed. Unfinished files of earlier processes
-    that were killed are removed, too. Raises InputError if the file cannot be written.
+    If the block raises, ``path`` is unchanged and the unfinished file is removed. Unfinished files of ``path`` that
+    killed processes left are removed, too. Raises InputError if the name is not valid, the file cannot be written, or
+    the block raises OSError.
     """
     check_name(path)
     unfinished = unfinished_name(path)
@@ -127,10 +128,8 @@ def check_name(path: Path) -> None:
 def write_png(path: str | Path, colours: Any) -> Path:
     """Write an image (height, width, 3) of colours from 0 to 1, clipped there, the top row first; return its path.
 
-    Raises
-    ------
-    InputError
-        If the name does not end in ``.png``, the colours are not of this shape or finite, or it cannot be written.
+    Raises InputError if the name does not end in ``.png``, the colours are not of this shape, finite and at least one,
+    or the file cannot be written.
     """
     import numpy as np
 
@@ -175,10 +174,7 @@ def cache_folder() -> Path:
 
 
 def existing_file(path: Any, label: str = "file") -> Path:
-    """Return ``path`` as a Path if there is a file of this name.
-
-    Raises InputError if there is no such file or ``path`` is no path; then ``label`` names the key.
-    """
+    """Return the ``path`` of an existing file as a Path; else raise InputError, with ``label`` if it is no path."""
     if not isinstance(path, (str, Path)):
         raise InputError(f"{label} must be the path of a file, got {shown(path)}.")
     if not _is_file(Path(path)):
@@ -199,8 +195,8 @@ def find_file(name: str | Path, folder_of_scene: Path | None = None) -> Path:
 
     The search covers the folder of the scene (or the working directory), the folder of ``CPMKIT_DATA`` and the user's
     cache. An example mesh is downloaded into the cache, with its checksum verified, if the extra `data` is installed
-    and ``CPMKIT_FETCH`` is not ``0``. Raises InputError if ``name`` is no path, or the file is in none of these places;
-    the message lists them.
+    and ``CPMKIT_FETCH`` is not ``0``. Raises InputError if ``name`` is no path, a download has another checksum, or the
+    file is in none of these places, which the message lists.
     """
     if not isinstance(name, (str, Path)) or not str(name):
         raise InputError(f"file must be the name of a file, got {shown(name)}.")
@@ -234,7 +230,8 @@ def _folder_text(folder: Path) -> str:
 def _fetch_mesh(name: str) -> Path | None:
     """Return the path of the mesh ``name`` of :data:`KNOWN_MESHES`, downloaded into the cache, or None.
 
-    It is None without the package pooch or a connection. Raises InputError if the checksum is wrong.
+    It is None without the package pooch or a connection, or if the cache cannot be written. Raises InputError if the
+    checksum is wrong.
     """
     try:
         import pooch

@@ -36,7 +36,7 @@ def write_vtu(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 
 def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write a binary PLY file: vertices with values, ``error`` (v, channels) if given and colours; triangles."""
+    """Write a binary PLY file: vertices with values, ``error`` (v, channels) if given and colours; triangles alone."""
     columns = value_columns(mesh, error)
     names = ["x", "y", "z", *columns]
     colours = ("red", "green", "blue")

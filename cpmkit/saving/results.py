@@ -35,11 +35,7 @@ class WrittenResults:
     failures: Mapping[str, Exception]
 
     def check(self) -> None:
-        """Check that all files were written.
-
-        Raises InputError if a file is missing; the message names the missing files with reasons, and the written files.
-        An exception that is a defect of cpmkit is raised unchanged.
-        """
+        """Raise InputError, with reasons and the written files, if one is missing; defects of cpmkit as they are."""
         for error in self.failures.values():
             if not isinstance(error, (CpmkitError, MemoryError)):
                 raise error
@@ -61,6 +57,8 @@ def check_request(
     """
     for file in request.files:
         check_file(file, surface, _mesh_choice(file, request))
+        if request.wants_error and file.lower().endswith(FILMS):
+            raise InputError(f"{file!r} shows frames, and field = 'error' the error at the end; leave out one of them.")
     target = request.picture
     if target is not None:
         check_picture(target.file, target)

@@ -32,7 +32,7 @@ from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.solution.summary import describe_scene
 from cpmkit.types import SIDES, Floats
-from cpmkit.view.pictures import animate, check_film, frame_images
+from cpmkit.view.pictures import animate, check_film, check_look, frame_images
 
 SAVED_SOLUTION_WORDS = "a solution that was saved as .npz"
 #: The version of the format.
@@ -139,8 +139,8 @@ def other_scene_error(path: Path, differs: str) -> InputError:
 def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None:
     """Check that a scene's equation, boundaries and edge are those ``saved``, as far as they are plain values.
 
-    Of files from before the edge was saved, only the kinds of equation and conditions are compared. Raises InputError
-    with the first difference.
+    Of files from before the edge was saved, only the kinds of equation and conditions, and the boundaries' names, are
+    compared. Raises InputError with the first difference.
     """
     described = json.loads(json.dumps(describe_scene(scene)))
     if "edge" not in saved:
@@ -181,10 +181,10 @@ def save(
     ``.vtp``  the mesh for ParaView: triangles, lines and points with point data ``u`` and, where there are
               three channels, ``rgb``, and, where the error was estimated, ``error``, in the unit of u
     ``.vtu``  the same as an unstructured grid
-    ``.ply``  its triangles and all its vertices, with a property ``u`` (of several channels ``u0``, ``u1``, ...) and a
-              colour per vertex: the three channels, or the first in viridis
+    ``.ply``  its triangles and all its vertices, with properties ``u`` (of several channels ``u0``, ``u1``, ...) and,
+              where estimated, ``error``, and a colour per vertex: the three channels, or the first in viridis
     ``.obj``  its vertices, each with a colour, triangles and lines
-    ``.csv``  a line of names, then one line per vertex: ``x,y,z,u``, in the plane ``x,y,u``
+    ``.csv``  a line of names, then one line per vertex: ``x,y,z,u``, in the plane ``x,y,u``, and ``error`` as above
     ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh and, where it was
               estimated, ``error``, the lattice and its unknowns under names that begin with
               ``lattice_``, and ``summary`` and ``format``; :func:`cpmkit.load` reads it
@@ -201,15 +201,16 @@ def save(
     path : path
     vertices : "display" or "own"
         The mesh to write: that of pictures, as fine as the lattice and cut along the boundaries, or the mesh from which
-        the surface was made, with its vertices in their order; see :meth:`Solution.at_vertices`. Then ``.npz``
-        holds only ``points``, ``cells`` and ``values``.
+        the surface was made, with its vertices in their order; see :meth:`Solution.at_vertices`. Then no file has
+        ``error``, and ``.npz`` only ``points``, ``cells``, ``values``. Formats from ``.json`` on ignore it.
     **options
         Options of ``.html``, ``.gif`` and ``.mp4``: those of :class:`~cpmkit.scenefile.look.Look`.
 
     Raises
     ------
     InputError
-        If the suffix or an option is not accepted, the surface has no mesh, or the file cannot be written.
+        If the suffix or an option is not accepted, the surface has no mesh (of curves for ``.ply``), the solution no
+        frames for a film or ``.pvd``, or the file cannot be written.
     MissingDependencyError
         If the format needs pyvista, imageio or matplotlib, which draws colours, and that is not installed.
     """
@@ -240,10 +241,10 @@ def save(
 
 
 def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "display") -> None:
-    """Check before anything is solved that solutions on ``surface`` can be saved as ``path``.
+    """Check before anything is solved that solutions on ``surface`` can be saved in the format of ``path``.
 
-    ``vertices`` is as for :func:`save`. Raises InputError or MissingDependencyError if :func:`save` would raise it for
-    every solution on the surface.
+    ``vertices`` is as for :func:`save`. Raises InputError if the suffix or ``vertices`` is not accepted, or the surface
+    has no mesh for it; MissingDependencyError if a package that the format needs for all solutions is not installed.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -262,6 +263,8 @@ def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "d
         )
     if suffix in (".vtp", ".vtu", ".pvd") and find_spec("pyvista") is None:
         raise MissingDependencyError(f"{suffix} files are written by pyvista; {install_command('view')} adds it.")
+    if suffix in (*FILMS, PAGE):
+        check_look(Look())
     if suffix in FILMS:
         check_film(path)
 
@@ -292,9 +295,9 @@ def _known_error(solution: SolutionRecord) -> Floats | None:
 def save_frames(solution: SolutionRecord, path: Path) -> None:
     """Write the frames of a problem in time: a .pvd index ``path``, and .vtp files in ``<name>_frames`` beside it.
 
-    All frames are written before the first one is moved to its place, and the index is written last, so that all files
-    of an index exist. Surplus frames of an earlier series are removed. Raises InputError if the solution has no frames,
-    or a file cannot be written.
+    All frames are written before the first one is moved to its place, and the index after that; surplus frames of an
+    earlier series are removed last, so that all files of an index exist. Raises InputError if the solution has no
+    frames, or a file cannot be written.
     """
     frames = frames_of(solution, path.name)
     assert isinstance(solution, EvolvedRecord)
@@ -310,8 +313,6 @@ def save_frames(solution: SolutionRecord, path: Path) -> None:
             folder.mkdir(exist_ok=True)
             for name in names:
                 os.replace(unfinished / name, folder / name)
-            for stale in {file.name for file in folder.glob("frame-*.vtp")} - {*names}:
-                (folder / stale).unlink(missing_ok=True)  # another thread may have removed it
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
     with written_whole(path) as index:
@@ -322,6 +323,9 @@ def save_frames(solution: SolutionRecord, path: Path) -> None:
         lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *entries]
         text = "\n".join([*lines, "  </Collection>", "</VTKFile>", ""])
         index.write_text(text, encoding="utf-8", errors="surrogateescape")
+    with explain_system_error(f"{folder} cannot be written"):
+        for stale in {file.name for file in folder.glob("frame-*.vtp")} - {*names}:
+            (folder / stale).unlink(missing_ok=True)  # another thread may have removed it
 
 
 def frames_folder(path: Path) -> Path:

@@ -157,7 +157,7 @@ class Entry:
     target: float  #: Accuracy target in place of a spacing; nan without one.
 
     def percent(self, quantity: str) -> float:
-        """Return the field ``quantity``, an error or ``shift``, in percent of the half range; nan if that is zero."""
+        """Return the field ``quantity``, an error or ``shift``, in percent of the half range; nan without a range."""
         return 100 * float(getattr(self, quantity)) / self.half_range if self.half_range > 0 else math.nan
 
 
@@ -184,7 +184,7 @@ class Series:
 
     @property
     def fitted_order(self) -> float | None:
-        """Least-squares slope of log(error) over log(spacing); None with fewer than two spacings or a zero error."""
+        """Least-squares slope of log(error) over log(spacing); None if all spacings are equal or an error is zero."""
         if len(self.entries) < 2 or min(self.errors) <= 0:
             return None
         across = np.log(self.spacings) - np.mean(np.log(self.spacings))
@@ -194,7 +194,7 @@ class Series:
 
 
 def group_into_series(records: Sequence[Record]) -> list[Series]:
-    """Return the series of records, in the order of their first records; runs with errors are left out."""
+    """Return the series of records, in the order of their first records; runs that failed are left out."""
     good = [record for record in records if "error" not in record]
     keys = list(dict.fromkeys(_series_key(record) for record in good))
     return [_make_series(key, keys, [record for record in good if _series_key(record) == key]) for key in keys]
@@ -242,10 +242,10 @@ def _make_entry(records: Sequence[Record], target: str) -> Entry:
 
 
 def _series_label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
-    """Return the label of a series: the method if methods differ, and the options that differ between its series.
+    """Return the label of a series: its method if methods differ, and the options in which series of the method differ.
 
-    If none differs, the label is the option ``order``, or else the method; an accuracy target comes last. ``key`` and
-    ``keys``, those of all series, are of :func:`_series_key`.
+    If neither differs, the label is the option ``order``, or else the method; an accuracy target comes last. ``key``
+    and ``keys``, those of all series, are of :func:`_series_key`.
     """
     (method, options, target), methods = key, {other for other, *_ in keys}
     own = [dict(other) for one, other, _ in keys if one == method]

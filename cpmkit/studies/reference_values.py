@@ -40,7 +40,8 @@ def sample_points(scene: Scene, wanted: int | str) -> Floats:
     """Return sample points (n, d) of the surface, off all boundaries, the same at every call.
 
     ``wanted`` is the number of random points in a box around the surface, whose closest points are the samples, or
-    ``vertices`` for those of a mesh. Raises SceneError if vertices are requested of a surface that is no mesh.
+    ``vertices`` for those of a mesh; samples on a boundary, to a millionth of the size, are left out. Raises SceneError
+    if vertices are requested of a surface that is no mesh.
     """
     surface = scene.surface
     bounds = np.asarray(surface.bounds, dtype=np.float64)
@@ -78,9 +79,8 @@ class Reference:
 def compute_reference(study: Study) -> Reference:
     """Return the reference values of a study, from its formula or from one solution of another back end.
 
-    Raises SceneError if the scene has several channels or eigenvalues, no sample point lies off the boundaries, or
-    vertices are requested of a surface that is no mesh; CpmkitError if the formula has no value somewhere, or the back
-    end cannot solve the scene.
+    Raises SceneError as :func:`check_comparable` and :func:`sample_points` do, or if no sample point lies off the
+    boundaries; CpmkitError if the formula has no value somewhere, or the back end cannot solve the scene.
     """
     scene = study.scene
     check_comparable(scene)
@@ -99,15 +99,15 @@ def compute_reference(study: Study) -> Reference:
 
 
 def refine_surface_mesh(surface: ClosestPointSource) -> ClosestPointSource:
-    """Return a copy of ``surface`` whose method ``mesh(spacing)`` refines the mesh to edges no longer than the spacing.
+    """Return a copy of ``surface`` whose method ``mesh(spacing)`` halves edges of the mesh longer than the spacing.
 
-    The mesh's own vertices come first. New vertices are closest points: if the surface is itself a mesh, they lie on
-    its flat triangles, whose distance from a smooth surface remains. Raises InputError if there is no mesh.
+    The mesh's own vertices come first. New vertices are then moved to their closest points, which may lengthen edges;
+    on a surface that is itself a mesh these lie on its flat triangles. Raises InputError if there is no mesh.
     """
     make_mesh = mesh_method(surface)
 
     def mesh(self: Any, spacing: float) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) and cells (m, k) of the mesh, with edges no longer than ``spacing``."""
+        """Return vertices (v, d) and cells (m, k) of the mesh, whose edges were halved down to ``spacing``."""
         points, cells = make_mesh(spacing)
         refined, cells = refine_mixed_cells(points, cells, points.shape[1], spacing)
         refined[len(points) :] = self.closest_point(refined[len(points) :]).points
@@ -122,7 +122,7 @@ def refine_surface_mesh(surface: ClosestPointSource) -> ClosestPointSource:
 def solve_on_refined_mesh(
     scene: Scene, spacing: float, *, progress: Progress = no_progress, **options: Any
 ) -> Solution:
-    """Return the finite element solution on the surface's mesh, refined until no edge is longer than ``spacing``.
+    """Return the finite element solution on the mesh that :func:`refine_surface_mesh` refines to ``spacing``.
 
     ``options`` are those of :func:`cpmkit.solve`; those of a lattice are ignored. Raises CpmkitError if the back end
     ``fem`` does, or the surface has no mesh.
@@ -147,11 +147,11 @@ def solve_by_fixed_nodes(
 ) -> Solution:
     """Return the solution of a scene by the closest point method with fixed values at the nodes near its boundaries.
 
-    It is a solution of the scene without its boundaries, and its values include those of the fixed nodes.
+    Its ``scene`` is the given one without its boundaries, and its values include those of the fixed nodes.
 
     ``scene``: a steady problem; each boundary has the same Dirichlet condition on both sides.
     ``method``: ``nearest`` or ``ball``, the method that selects the fixed nodes.
-    ``spacing``, ``progress``, ``**options``: as for :func:`cpmkit.solve`.
+    ``spacing``, ``progress``, ``**options``: as for :func:`cpmkit.solve` with the form collocation, without targets.
 
     Raises SceneError if the problem or a condition is of another kind, sides differ, or there is no boundary.
     """
@@ -201,7 +201,7 @@ def check_fixable(scene: Scene, method: str) -> None:
 def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource], method: str) -> tuple[Bools, Floats]:
     """Return a mask (n,) of the band's inner nodes that a method fixes near boundaries, and values (n, channels).
 
-    The value of a fixed node is the Dirichlet datum of the nearest boundary at its closest point; others are zero.
+    A fixed node has the Dirichlet datum of the nearest boundary that fixes it, at its foot there; others have zero.
     ``sources`` are those of the boundaries relative to the lattice's origin, ``method`` is ``nearest`` or ``ball``.
     """
     layout = tables.layout
@@ -222,10 +222,10 @@ def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource
 
 
 def _nearest_nodes(band: Band, source: LocalSource, distance: Floats) -> Bools:
-    """Return a mask (n,) of the inner nodes that are the nearest node of some point of a boundary.
+    """Return a mask (n,) of the inner nodes that are the nearest node of some sample of a boundary.
 
-    The points are the closest points of a lattice four times as fine, up to two spacings from the boundary.
-    ``distance`` (n,) is the distance of each inner node from the boundary.
+    The samples are the closest points of a lattice four times as fine, around the inner nodes up to two spacings from
+    the boundary. ``distance`` (n,) is the distance of each inner node from it.
     """
     near = band.positions[: band.inner][distance <= 2 * band.spacing]
     steps = (np.arange(4) / 4 - 0.5) * band.spacing
@@ -241,10 +241,9 @@ def _nearest_nodes(band: Band, source: LocalSource, distance: Floats) -> Bools:
 def _eliminate_fixed_nodes(
     operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats
 ) -> tuple[ExtensionOperator, Floats]:
-    """Return the operator and right-hand side on the f nodes that are not ``fixed`` (n,), of those on all n nodes.
+    """Return ``operator`` and ``b`` (n, channels), given on all n nodes, on the f nodes that are not ``fixed`` (n,).
 
-    ``b`` and ``values`` are (n, channels). The columns of fixed nodes, times their values, are moved to the right-hand
-    side (f, channels).
+    The columns of fixed nodes, times their ``values`` (n, channels), are moved to the right-hand side (f, channels).
     """
     free, diagonal = np.flatnonzero(~fixed), operator.diagonal
     b = b + operator.datum_load(operator.extension[:, np.flatnonzero(fixed)] @ values[fixed])

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, printable
+from cpmkit.errors import InputError, MissingDependencyError, printable
 from cpmkit.files.whole_files import written_whole
+from cpmkit.runtime.messages import install_command
 from cpmkit.studies import tables
 from cpmkit.studies.records import RECORDS_FILE, Record, Series, group_into_series, read_records
 
@@ -26,7 +27,7 @@ GREY = "#777777"
 
 
 def convergence_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return a figure of largest errors over spacing, log-log, with fitted orders and dotted slopes 1 and 2."""
+    """Return a figure of largest errors over spacing, log-log, with fitted orders and :func:`_draw_slopes`."""
     figure, (axes,) = _empty_figure(title, 1)
     _draw_slopes(axes, series)
     for number, each in enumerate(series):
@@ -52,7 +53,7 @@ def difference_figure(series: Sequence[Series], title: str) -> Figure:
 
 
 def work_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return a figure of error against CPU seconds and against unknowns, log-log, side by side."""
+    """Return a figure of largest errors over CPU seconds and over unknowns, log-log, side by side."""
     from matplotlib.ticker import NullFormatter
 
     figure, pair = _empty_figure(title, 2)
@@ -67,7 +68,7 @@ def work_figure(series: Sequence[Series], title: str) -> Figure:
 
 
 def pareto_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return a figure of rms error over CPU seconds and MiB, where recorded, log-log, with Pareto fronts in grey."""
+    """Return a figure of the errors of :class:`tables.Attempt` over each recorded cost, with Pareto fronts in grey."""
     made = tables.attempts(series)
     fronts = {cost: tables.pareto_front(made, cost) for cost in tables.COSTS if tables.pareto_front(made, cost)}
     figure, all_axes = _empty_figure(title, len(fronts))
@@ -85,8 +86,10 @@ def pareto_figure(series: Sequence[Series], title: str) -> Figure:
 
 def _empty_figure(title: str, count: int) -> tuple[Figure, Any]:
     """Return a figure of ``count`` axes side by side, and the array of these (count,), with a common vertical scale."""
-    from matplotlib.figure import Figure
-
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingDependencyError(f"Figures need matplotlib; {install_command('view')} adds it.") from error
     figure = Figure(figsize=(6.4, 5.4) if count == 1 else (5 * count, 4.8), layout="constrained")
     figure.suptitle(_escape_dollars(fill(title, 68 * count)), fontsize=11 if count == 1 else "large")
     return figure, figure.subplots(1, count, sharey=True, squeeze=False)[0]
@@ -110,7 +113,7 @@ def _plot_series(axes: Any, number: int, x: Sequence[float], y: Sequence[float],
 
 
 def _draw_slopes(axes: Any, series: Sequence[Series]) -> None:
-    """Add dotted lines of slopes 1 and 2 that end at the geometric mean of the errors at coarsest spacings."""
+    """Add dotted lines of slopes 1 and 2 to the geometric mean of coarsest errors above zero, if spacings differ."""
     spacings = np.array(sorted({spacing for one in series for spacing in one.spacings}))
     coarsest = [one.errors[0] for one in series if one.errors[0] > 0]
     if len(spacings) == 1 or not coarsest:
@@ -126,7 +129,7 @@ def _draw_slopes(axes: Any, series: Sequence[Series]) -> None:
 
 
 def _set_spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
-    """Change ``axes`` to logarithmic scales, with a tick at each spacing of the series and no minor ticks."""
+    """Set the scales of ``axes`` as :func:`_set_log_scales`, with a tick at each spacing, and no minor ticks."""
     spacings = sorted({spacing for one in series for spacing in one.spacings})
     _set_log_scales(axes)
     axes.set_xticks(spacings, [f"{spacing:g}" for spacing in spacings])
@@ -135,7 +138,7 @@ def _set_spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
 
 
 def _set_log_scales(axes: Any) -> None:
-    """Draw the grid of ``axes``, in place, with a logarithmic scale in each direction with positive values."""
+    """Draw the grid of ``axes``, with a logarithmic scale in each direction in which any drawn value is positive."""
     axes.grid(alpha=0.25)
     for name, change in (("x", axes.set_xscale), ("y", axes.set_yscale)):
         if any(np.any(np.asarray(getattr(line, f"get_{name}data")()) > 0) for line in axes.lines):
@@ -178,7 +181,8 @@ def write_report(folder: Path, content: str | None = None) -> Report:
     """Write ``report.md`` and its PNG figures from the records in ``folder``, into it, and return the report.
 
     ``content`` is the content hash of the study file whose records are used, by default that of the last record.
-    Raises InputError if there is no such record, or no run without an error.
+    Raises InputError if records cannot be read, there is none with this hash, all runs failed, or a file cannot be
+    written; MissingDependencyError without matplotlib.
     """
     every = read_records(folder / RECORDS_FILE)
     wanted = content or (every[-1]["content"] if every else None)
@@ -221,7 +225,7 @@ def pareto_tables(report: Report) -> str:
 
 
 def error_tables(reports: Sequence[Report]) -> str:
-    """Return Markdown tables of errors: a table for all reports with a reference, and a table for each other."""
+    """Return Markdown tables of errors by spacing: one for all reports with a reference, and one for each other."""
     compared = [(report.title, report.by_spacing) for report in reports if report.compares and report.by_spacing]
     parts = [tables.comparison_table(compared)] if compared else []
     for report in reports:
@@ -232,7 +236,7 @@ def error_tables(reports: Sequence[Report]) -> str:
 
 
 def _report_page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
-    """Return the page in Markdown: errors, ``figures`` (files), costs, failed ``records``, number ``left_out``."""
+    """Return the page in Markdown: errors, ``figures`` (files), costs, failures, and number of records ``left_out``."""
     errors_line = tables.differences_sentence(report.series) if report.compares else tables.error_sentence(records)
     parts = [f"# {report.title}", error_tables([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]

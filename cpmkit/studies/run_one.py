@@ -51,7 +51,7 @@ def check_study(study: Study) -> None:
 
 
 def tie_step_to_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
-    """Return the scene with equal time steps up to ``step_per_spacing`` times ``spacing``; itself if either is None.
+    """Return the scene with equal time steps, at most ``step_per_spacing`` x ``spacing``; itself if either is None.
 
     Raises SceneError if the scene's problem has no time step.
     """
@@ -69,8 +69,8 @@ def make_run(
 ) -> records.Record:
     """Solve the scene of a run, and return the record: parameters, errors, work and seconds.
 
-    ``truth`` are the reference values. After a ResolutionError or ConvergenceError, or if the error is too large to
-    record, the record has the parameters and the entry ``error``, a message. Other errors are raised.
+    ``truth`` are the reference values. After a ResolutionError or ConvergenceError, or if the largest error is NaN or
+    too large to record, the entry ``error``, a message, replaces the measured ones. Other exceptions are raised.
     """
     named = {"study": study.name, "title": study.title, "content": study.content}
     record: records.Record = {**named, "reference": study.exact.reference, **run.as_dict()}
@@ -141,7 +141,7 @@ def _measured_entries(solution: Solution, truth: reference_values.Reference, run
 
 
 def memory_entries(solution: Solution, measured: int | None) -> records.Record:
-    """Return the entries ``bytes``, ``measured`` or, if None, predicted, and ``bytes_are``; None without a lattice."""
+    """Return the entries ``bytes``, ``measured`` or else predicted, and ``bytes_are``; None if neither is known."""
     if measured is not None:
         return {"bytes": measured, "bytes_are": "measured"}
     options, scene = lattice_options(solution.discretized), solution.scene
@@ -174,13 +174,13 @@ def run_study(
 ) -> Outcome:
     """Solve and record the runs of a study that are not recorded in ``folder`` yet, and return the numbers of runs.
 
-    A run that ends with a ResolutionError or a ConvergenceError is recorded with its message, and the study continues.
-    An interrupted study continues at the next call. Raises InputError if the study has none of the ``spacings``. Raises
-    CpmkitError if the study itself is wrong: its scene, its formulas or its options.
+    A run that fails as in :func:`make_run` is recorded with its message, and the study continues. An interrupted study
+    continues at the next call. Raises InputError if one of ``spacings`` is not in the study, or records cannot be read
+    or written; if runs are left to make, CpmkitError if the study is wrong: its scene, its formulas or its options.
 
     ``folder``: folder of the records, which is created.
     ``cheap``: use the study's cheap spacings only.
-    ``spacings``: use only these of the study's spacings; all if empty.
+    ``spacings``: use only these of the study's spacings, without accuracy targets; all if empty.
     ``truth``: reference values in place of the study's.
     ``progress``: called with the number of the run and the completed share of its stage.
     ``recorded``: called with each record once it is written.

@@ -84,8 +84,9 @@ def expand_formula(formula: str, known: Mapping[str, str]) -> str:
 def expand_all(value: Any, known: Mapping[str, str], formulas: bool = True) -> Any:
     """Return a value of a study file with the names in all its formulas replaced by ``known`` formulas.
 
-    The value may be a text, a list or a table, nested to any depth. Without ``formulas``, its texts are names or files,
-    and only tables in it, such as the sources of a union, have formulas.
+    The value may be a text, a list or a table, nested to any depth. Texts under keys such as ``kind`` and ``file`` are
+    names and stay; tables there, such as the sources of a union, have formulas. Without ``formulas`` the value is taken
+    as one under such a key.
     """
     if isinstance(value, str):
         return expand_formula(value, known) if formulas else value
@@ -212,10 +213,10 @@ def _parse_study(tables: dict[str, Any], path: Path) -> Study:
 
 
 def _named_files(value: Any, folder: Path) -> Iterator[Path]:
-    """Yield the existing files named by texts in tables and lists, under any key, since plugins have their own keys.
+    """Yield the files named by texts in tables and lists, under any key, since plugins have their own keys.
 
-    They are searched first in ``folder``. A formula that equals the name of a file counts too: a change of the file
-    repeats runs without need.
+    They are searched as in :func:`find_file`, first in ``folder``; texts for which it finds none are passed over. A
+    formula that equals the name of a file counts too: a change of the file repeats runs without need.
     """
     if isinstance(value, str):
         with suppress(InputError, OSError, ValueError):  # not the name of a file

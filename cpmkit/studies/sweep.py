@@ -55,7 +55,7 @@ def listed_options_of(method: str) -> tuple[str, ...]:
 
 
 def _form_options_of(method: str) -> Any:
-    """Return the class of the options of a method's form; for other methods that of LISTED_FORM."""
+    """Return the class of the options of the form that ``method`` sets, or of LISTED_FORM if it sets none."""
     return FORMS[lattice_methods().get(method, {}).get("form", LISTED_FORM)]
 
 
@@ -126,7 +126,7 @@ class Sweep:
             raise SceneError(str(error)) from error
 
     def _check_resolutions(self) -> None:
-        """Check the lists of spacings and targets; raise SceneError if there is none, or they exclude each other."""
+        """Raise SceneError if there are no spacings or targets, or other entries do not go with the given ones."""
         if not self._resolutions():
             raise SceneError(f"[sweep] needs a list of {', '.join(FINENESS[:-1])} or {FINENESS[-1]}.")
         if self.spacings is None:
@@ -156,7 +156,7 @@ class Sweep:
         return list(present.items())
 
     def runs(self, cheap: bool = False) -> list[Run]:
-        """Return the runs in the order of the lists, each once; if ``cheap``, the runs of the cheap lists."""
+        """Return the runs in the order of the lists, each once, of the cheap lists if ``cheap``."""
         every = (
             Run(method, value if name == "spacing" else None, options, origin, ((name, value),) * (name in TARGETS))
             for name, values in self._resolutions(cheap)
@@ -168,7 +168,10 @@ class Sweep:
         return list(dict.fromkeys(every))
 
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
-        """Yield pairs (options as (name, value), number of the lattice position or None) of the runs at one spacing."""
+        """Yield pairs (options as (name, value), number of the lattice position or None) of the runs at one resolution.
+
+        Of each option they take the listed values that the method's form accepts, or else its default.
+        """
         names, form = listed_options_of(method), _form_options_of(method)
         checks = declared_options(form)
         accepted = [[value for value in self.lists.get(name, ()) if checks[name].accepts(value)] for name in names]
@@ -206,13 +209,13 @@ class Run:
         return dict(self.targets)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the run's entries of a record, plain values by name; None for options that the method lacks."""
+        """Return the run's entries of a record, plain values by name; None for those that it does not have."""
         options = dict.fromkeys(listed_options()) | dict(self.options)
         target = {f"asked_{name}": self.target.get(name) for name in TARGETS}
         return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 
     def lattice_shift(self, dim: int, unit: float | None = None) -> Floats:
-        """Return the lattice shift (``dim``,): zero without an origin, else random in [0, ``unit`` or the spacing)."""
+        """Return the lattice shift (``dim``,): zero without an origin, else its own in [0, ``unit`` or the spacing)."""
         if self.origin is None:
             return np.zeros(dim)
         positions = np.random.default_rng(1).uniform(0, 1, (self.origin + 1, dim))

@@ -33,7 +33,7 @@ def _format_number(value: float, spec: str) -> str:
 
 
 def orders_table(series: Sequence[Series]) -> str:
-    """Return a Markdown table of the errors of each series at each spacing, and the fitted order."""
+    """Return a Markdown table of the largest errors of each series at each spacing, and the fitted orders."""
     spacings = sorted({spacing for each in series for spacing in each.spacings}, reverse=True)
     rows = [["", *(f"{spacing:g}" for spacing in spacings), "order"]]
     for each in series:
@@ -44,7 +44,7 @@ def orders_table(series: Sequence[Series]) -> str:
 
 
 def error_sentence(records: Sequence[Record]) -> str:
-    """Return the sentence that defines the errors in :func:`orders_table` of these records, and the order."""
+    """Return sentences that define the errors and the orders in :func:`orders_table` of these records."""
     origins = {record["origin"] for record in records if record["origin"] is not None}
     error = "the greatest error at any sample point"
     if origins:
@@ -55,7 +55,7 @@ def error_sentence(records: Sequence[Record]) -> str:
 def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     """Return a Markdown table of errors, unknowns, queries, iterations, seconds and memory of each series and spacing.
 
-    ``studies`` has the title of each study, shown where there are several, and its series, coarsest spacings first.
+    ``studies`` has the title of each study, shown where there are several, and its series; rows descend in spacing.
     """
     heads = ["greatest error", "rms error", "unknowns", "queries", "iterations", "CPU seconds", "MiB"]
     titled = len(studies) > 1
@@ -99,10 +99,8 @@ def run_name(record: Record) -> str:
 def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     """Return a Markdown table of differences from a reference, in percent of half its range, methods side by side.
 
-    Empty columns are left out. Unknowns, and the share of twins (second unknowns at a node) among them, are those of
-    the first method with a result.
-
-    ``studies`` has the title of each study and its series.
+    ``studies`` has the title of each study and its series. Empty columns are left out. Unknowns, and the share of twins
+    (second unknowns at a node) among them, are those of the first method with a result, ``cpm`` before others.
     """
     quantities = {"rms_error": "rms mean kept", "rms_without_mean": "rms mean removed"}
     quantities |= {"error": "largest", "shift": "mean put right by"}
@@ -164,7 +162,7 @@ def attempts(series: Sequence[Series]) -> list[Attempt]:
 def pareto_front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
     """Return the Pareto front of ``made``, cheapest first: attempts with errors below those of all that cost no more.
 
-    ``cost`` is a key of :data:`COSTS`. Attempts of which it is not recorded (nan) are left out.
+    ``cost`` is a key of :data:`COSTS`. Attempts of which it is nan are left out, and of equal attempts all but one.
     """
     best: list[Attempt] = []
     priced = [attempt for attempt in made if not math.isnan(getattr(attempt, cost))]
@@ -189,7 +187,7 @@ def cheapest_by_decade(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]
 
 
 def cheapest_table(made: Sequence[Attempt]) -> str:
-    """Return a Markdown table: for each decade of error, the attempt that reaches it at the least of each cost."""
+    """Return a Markdown table: for each decade of error and recorded cost, the attempt that reaches it at the least."""
     found = {cost: cheapest_by_decade(made, cost) for cost in COSTS if pareto_front(made, cost)}
     heads = [head for cost in found for head in (f"least {COSTS[cost]}", COSTS[cost])]
     lines = [table_row(["rms error below, of the range", *heads]), "|--:|" + "---|--:|" * len(found)]

@@ -82,7 +82,7 @@ def check_values(subject: Subject, x: Floats) -> None:
 
 @law(ability=abilities.HasMesh)
 def check_mesh(subject: Subject) -> None:
-    """The vertices of a mesh lie on the manifold; its cells have as many distinct vertices as its dimension demands."""
+    """The vertices of a mesh lie on the manifold; cells are points, or of its dimension, with distinct corners."""
     for share in (0.5, 0.05):
         vertices, cells = subject.source.mesh(share * subject.size)
         require(vertices.dtype == np.float64 and cells.dtype == np.int64, f"It holds {vertices.dtype}, {cells.dtype}.")
@@ -101,7 +101,7 @@ def check_mesh(subject: Subject) -> None:
 
 @law(ability=abilities.HasAdvice)
 def check_advice(subject: Subject) -> None:
-    """Each warning is one sentence, a string that ends with its only full stop; the floor is finite, not negative."""
+    """Each warning is one sentence, a string that ends with its only full stop; floors are finite, not negative."""
     for share in (0.5, 0.05, 0.005):
         advice = subject.source.advice(share * subject.size)
         for warning in (*advice.warnings, *advice.closest_point_warnings):
@@ -148,7 +148,7 @@ def check_translation(subject: Subject, x: Floats) -> None:
 
 @law("near", abilities.HasLeft)
 def check_left(subject: Subject, x: Floats) -> None:
-    """Vectors to the left have length one and are perpendicular to the curve; ``left_of`` lies on the left."""
+    """Vectors to the left have length one and are perpendicular to tangents; ``left_of``, where stated, lies left."""
     feet = subject.source.closest_point(x)
     feet = feet.take(certain_rows(feet))
     left = subject.source.leftward(feet)
@@ -193,7 +193,7 @@ def _require_unit_length(vectors: Floats, points: Floats) -> None:
 
 
 def _require_agreement(first: Floats, second: Floats, points: Floats, message: str) -> None:
-    """Raise AssertionError (``message``) if ``first``, ``second`` (n, d) have no acute angle at half of ``points``."""
+    """Raise AssertionError (``message``) if ``first``, ``second`` (n, d) have no acute angle at most of ``points``."""
     opposite = np.einsum("nd,nd->n", first, second) <= 0
     if len(points) and opposite.mean() > 0.5:
         require_rows(~opposite, points, message)
@@ -253,7 +253,7 @@ def check_sheets(subject: Subject, x: Floats) -> None:
 
 @law(ability=abilities.HasLocalMinima)
 def check_bad_radius(subject: Subject) -> None:
-    """Wrong queries, and a radius not above zero, are refused with InputError."""
+    """Wrong queries, and a radius not above zero, are refused with InputError; no queries have no feet."""
     good, dim = subject.centre[None], subject.source.dim
     rows, feet = subject.source.local_minima(np.empty((0, dim)), subject.size)
     require(len(rows) == len(feet) == 0, "No queries have feet.")
@@ -292,7 +292,7 @@ def _member_feet(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tu
 
 
 def _require_distinct_feet(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subject) -> None:
-    """Raise AssertionError if two of the k ``feet`` of a query coincide; ``rows`` (k,) are their queries in ``x``."""
+    """Raise AssertionError if two of k ``feet`` with one query coincide; ``rows`` (k,) are the queries in ``x``."""
     order = np.lexsort((*feet.points.T, rows))
     ahead = np.roll(order, -1)
     apart = np.linalg.norm(feet.points[ahead] - feet.points[order], axis=1)

@@ -41,7 +41,7 @@ def check_shapes(subject: Subject, x: Floats) -> None:
 
 @law("anywhere", together=True)
 def check_input_untouched(subject: Subject, x: Floats) -> None:
-    """The queries are not modified."""
+    """The queries are not modified, and share no memory with the answer."""
     queries = x.copy()
     feet = subject.source.closest_point(queries)
     require_rows((queries == x).all(axis=1), x, "The query was changed", queries)
@@ -151,7 +151,7 @@ def check_foot(subject: Subject, x: Floats) -> None:
 
 @law()
 def check_degenerate(subject: Subject) -> None:
-    """A query with many closest points gets one of them, never itself."""
+    """A query with many closest points gets one of them: a foot on the manifold, not nearer than the manifold."""
     x = symmetric_points(subject)
     feet = subject.source.closest_point(x)
     require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)

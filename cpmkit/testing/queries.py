@@ -90,7 +90,7 @@ def _check_queries(subject: Subject, check: Callable[[Floats], None], near: bool
     """Call ``check`` with batches of queries (n, d), or once with all if ``together``.
 
     Queries are the same in every run: around the bounds, far out, and on the manifold; if ``near`` within the case's
-    radius. If ``check`` raises, the exception for a small batch on which it raises too is raised.
+    radius. If ``check`` raises, the exception for a small batch is raised if there is one on which it raises too.
     """
     try:
         batches = _query_batches(subject, near)
@@ -110,10 +110,7 @@ def _query_batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
 
 
 def _generate_queries(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> None:
-    """Call ``hold`` with batches (n, d) of queries that hypothesis draws; a batch that fails is reduced to a small one.
-
-    ``near`` limits them to the case's radius.
-    """
+    """Call ``hold`` with queries (n, d) that hypothesis draws, ``near`` or not; a batch that fails is made small."""
     draws = _near_queries(subject) if near else _scattered_queries(subject)
 
     @settings(
@@ -154,7 +151,7 @@ def _scattered_queries(subject: Subject) -> st.SearchStrategy[Floats]:
     chosen = st.lists(st.one_of([st.tuples(*[part] * dim) for part in (near, lattice, far)]), min_size=1, max_size=6)
 
     def batch(points: list[tuple[float, ...]], count: int, seed: int) -> Floats:
-        """Return ``points``, relative to centre and size, and ``count`` random points, half of them on the source."""
+        """Return ``points``, scaled to the source, ``count`` random ones, and up to half as many of the known ones."""
         rng = np.random.default_rng(seed)
         relative = np.concatenate([np.array(points), rng.uniform(-1.5, 1.5, (count, dim))])
         x = subject.centre + subject.size * relative

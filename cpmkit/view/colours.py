@@ -42,7 +42,7 @@ class Bar:
 def make_bar(
     values: Floats, clim: tuple[float, float] | None = None, cmap: str = "viridis", label: str = "", unit: str = ""
 ) -> Bar:
-    """Return the colour bar from the least to the greatest of ``values`` or between ``clim``, wider if these are equal.
+    """Return the colour bar from the least to the greatest of ``values`` or between ``clim``, wider if both are equal.
 
     ``cmap`` is a colour map of matplotlib; ``label`` and ``unit`` are the text beside the bar. Raises InputError if
     there is no such colour map, and MissingDependencyError without matplotlib.
@@ -74,7 +74,7 @@ def letter_size(width: int, share: float) -> float:
     """Return the size of letters in pixels in a picture of ``width`` pixels.
 
     ``share`` is the share of the width that the colour bar takes in large pictures. In narrow pictures letters have 10
-    pixels, to be legible, so that they and the bar take more of the width, up to 0.35 of it.
+    pixels, to be legible, and less only where the bar, which grows with them, would take above 0.35 of the width.
     """
     return max(LETTER_SIZE * width, min(LEAST_LETTER, LETTER_SIZE * width * 0.35 / share))
 

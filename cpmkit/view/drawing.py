@@ -45,8 +45,9 @@ def make_camera(points: Floats, more: Floats, width: int, look: Look) -> Camera:
     """Return the camera that shows the model ``points`` (n, d) and ``more`` (k, 3) as large as ``width`` pixels allow.
 
     In the plane the model is seen from above, else from ``look.view``, with ``look.up`` vertical as far as the view
-    allows; by default y is up if the model stands on its lowest y, else z. The height of the picture follows from the
-    model. Raises InputError if ``view`` and ``up`` of the look are parallel, or either is zero.
+    allows; by default y is up if the model stands on its lowest y, and less stably on its lowest z, else z, and if the
+    view is along that axis the other of the two. The height of the picture follows from the model, 0.4 to 1.4 times the
+    width. Raises InputError if ``view`` and ``up`` of the look, in space, are parallel, or either is zero.
     """
     if points.shape[1] == 2:
         points = np.pad(points, ((0, 0), (0, 1)))
@@ -159,10 +160,10 @@ def line_shapes(camera: Camera, segments: Floats, width: float, colour: Any, lif
 
 
 def ribbons(starts: Floats, ends: Floats, half_width: float) -> tuple[Floats, Ints]:
-    """Return vertices (4 s, 3) and triangles (2 s, 3) of rectangles along segments that face the viewer.
+    """Return vertices (4 s, 3) and triangles (2 s, 3) of rectangles along segments, which face the viewer.
 
-    ``starts`` and ``ends`` are (s, 3) in the camera's axes. A rectangle is longer by ``half_width`` than its segment;
-    its first two vertices are at the start, the others at the end.
+    ``starts`` and ``ends`` are (s, 3) in the camera's axes. A rectangle is longer by ``half_width`` than its segment,
+    and has no area if the viewer sees a point; its first two vertices are at the start, the others at the end.
     """
     along = (ends - starts)[:, :2]
     length = np.linalg.norm(along, axis=1, keepdims=True)
@@ -196,9 +197,9 @@ def discs(centres: Floats, normals: Floats, radii: Floats, corners: int = DISC_C
 def disc_radii(points: Floats, spacing: float, least: float, alone: float) -> Floats:
     """Return radii (p,) with which discs around points (p, d) cover a surface, or a curve in the plane, without holes.
 
-    A radius is a share of the distance to the sixth neighbour, in the plane to the second, at most twice the median, so
-    that discs also cover uneven clouds, and at least ``least``. Isolated points, farther than ten spacings from these
-    neighbours or without so many, have the radius ``alone``.
+    A radius is a share of the distance to the sixth neighbour, in the plane to the second, of which at most twice its
+    median counts, and at least ``least``. Isolated points, farther than ten spacings from these neighbours or without
+    so many, have the radius ``alone``.
     """
     from scipy.spatial import cKDTree
 
@@ -229,7 +230,7 @@ class Drawing:
 
 
 def draw_mesh(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, lit: bool) -> Drawing:
-    """Return a drawing, ``width`` pixels wide, with boundaries, not edges; it is shaded if ``lit`` and with normals."""
+    """Return a drawing, ``width`` pixels wide, without edges of triangles; shaded if ``lit`` and there are normals."""
     camera, curves, pins = fit_camera(solution, mesh, look, width)
     half = camera.half[0]
     normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals @ camera.axes.T
@@ -256,7 +257,7 @@ def draw_mesh(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: in
 
 
 def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int) -> tuple[Camera, Floats, Floats]:
-    """Return the camera; segments (s, 2, 3), points (k, 3) in space of the boundaries, ties and twins of ``look``."""
+    """Return the camera; segments (s, 2, 3) and points (k, 3), in space: boundaries, ties and twins, as in ``look``."""
     curves, pins = [np.zeros((0, 2, 3))], [np.zeros((0, 3))]
     for boundary in solution.scene.boundaries if look.curves else ():
         if isinstance(boundary.source, HasMesh):
@@ -280,10 +281,10 @@ def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: i
 
 
 def outlines(drawing: Drawing) -> Shapes:
-    """Return the silhouette: lines on edges between a triangle that shows its front and a triangle that shows its back.
+    """Return the silhouette: lines on edges of two triangles, of which one shows its front and the other its back.
 
-    Front and back follow from the order of corners; two triangles that list their common edge in the same direction
-    have opposite orientations.
+    Front and back follow from the order of corners, for which two triangles that list their common edge in the same
+    direction have opposite orientations.
     """
     triangles = drawing.triangles[: drawing.mesh_triangles]
     a, b, c = (drawing.points[triangles[:, k], :2] for k in range(3))
@@ -321,10 +322,10 @@ def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar
 
 
 def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Shapes:
-    """Return arrows along ``vectors`` (v, d), centred at vertices of the mesh, one per cell of a grid 26 cells wide.
+    """Return arrows along ``vectors`` (v, d), centred at vertices of the mesh, in a grid that is 26 cells wide.
 
-    Short vectors have arrows of a least length, so that they are visible, and zero vectors none; arrows contrast with
-    the colours of ``bar``, which show the lengths.
+    Each cell has at most one. Short vectors have arrows of a least length, and those below a millionth of the longest
+    none; arrows contrast with the colours of ``bar``, which show the lengths.
     """
     cell, sizes = 2 * drawing.camera.half[0] / 26, np.linalg.norm(vectors, axis=1)
     cells, within = np.divmod(mesh.points / cell, 1)

@@ -36,7 +36,7 @@ class Picture:
 def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
     """Draw a solution, or its estimated error, into a PNG file, and return its path and the camera in words.
 
-    All modes of an eigenvalue problem are drawn on one sheet, unless ``channel`` selects one.
+    All modes of an eigenvalue problem are drawn on one sheet, unless ``channel`` selects one; of errors the largest.
 
     Parameters
     ----------
@@ -50,9 +50,11 @@ def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKe
     Raises
     ------
     InputError
-        If the surface has no mesh, or an argument is not accepted.
+        If the surface has no mesh, an argument is not accepted, or the file cannot be written.
     MissingDependencyError
         If matplotlib, which draws the text, is not installed.
+    CpmkitError
+        If a requested error cannot be estimated.
     """
     look = Look.from_options(options)
     path = check_picture(path, look)
@@ -105,8 +107,8 @@ def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
 def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None, columns: int = 1) -> Drawing:
     """Return the drawing of a mesh with the lines that do not depend on values, for one of several ``columns``.
 
-    ``bar`` is the colour bar beside it, or None. The drawing is shaded if ``look.light`` is "shaded", or None and there
-    is no bar; else it has outlines.
+    ``bar`` is the colour bar beside it, or None. If the mesh has normals, the drawing is shaded with ``look.light``
+    "shaded", or None and no bar; else it has outlines.
     """
     lit = look.light == "shaded" or (look.light is None and bar is None)
     width = model_width(look.width, bar is not None, bar.label if bar else "")
@@ -116,17 +118,17 @@ def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: B
 
 
 def mode_bar(mesh: DisplayMesh, look: Look) -> Bar:
-    """Return the colour bar of all modes, channels of ``mesh``: by default symmetric about zero, in ``coolwarm``."""
+    """Return the bar of modes, channels of ``mesh``: symmetric without ``clim``, ``coolwarm`` in place of viridis."""
     most = float(np.abs(mesh.values).max())
     cmap = "coolwarm" if look.cmap == Look.cmap else look.cmap
     return make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
 
 
 def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
-    """Return values (v, 1) at the mesh's vertices and their colour bar, or colours (v, 3) and None.
+    """Return values (v, 1) at the mesh's vertices and their colour bar, or three channels as colours (v, 3) and None.
 
-    Values are the channel, the length of vectors or the error that ``look`` selects. Raises InputError as
-    :func:`check_channels` does, and CpmkitError if a requested error cannot be estimated.
+    Values are the error, the length of vectors or the channel that ``look`` selects, by default the first unless there
+    are three. Raises InputError as :func:`check_channels`, and CpmkitError if a requested error cannot be estimated.
     """
     values, label, count = mesh.values, look.label, mesh.values.shape[1]
     check_channels(look, count, mesh.points.shape[1])
@@ -180,7 +182,7 @@ def animate(solution: SolutionRecord, path: str | Path, fps: float = 12.0, **opt
     path : path
         Ends in ``.gif`` or ``.mp4``. A GIF has 256 colours per frame; an MP4 needs imageio and imageio-ffmpeg.
     fps : float
-        Frames per second.
+        Frames per second. In a GIF each frame lasts whole hundredths of a second, rounded down.
     **options
         Options of :class:`~cpmkit.scenefile.look.Look`; the default width is 700 pixels. The colour bar spans the
         values of all frames unless ``clim`` is given.
@@ -188,7 +190,8 @@ def animate(solution: SolutionRecord, path: str | Path, fps: float = 12.0, **opt
     Raises
     ------
     InputError
-        If the solution has no frames, or an argument is not accepted.
+        If the solution has no frames, its surface no mesh, an argument is not accepted (also the field "error", that at
+        the end alone), or the file cannot be written.
     MissingDependencyError
         If matplotlib or the library that writes the film is not installed.
     """
@@ -205,8 +208,8 @@ def animate(solution: SolutionRecord, path: str | Path, fps: float = 12.0, **opt
 def check_film(path: Path) -> None:
     """Check that a film can be written as ``path``.
 
-    Raises InputError if it does not end in ``.gif`` or ``.mp4``, and MissingDependencyError if the library that writes
-    the film is not installed.
+    Raises InputError if it does not end in ``.gif`` or ``.mp4``, and MissingDependencyError if an MP4's library is not
+    installed; Pillow, which writes a GIF, comes with matplotlib, which :func:`check_look` requires.
     """
     if path.suffix.lower() not in (".gif", ".mp4"):
         raise InputError(f"A film must be a .gif or .mp4 file, got {shown(path.name)}.")
@@ -219,9 +222,11 @@ def check_film(path: Path) -> None:
 def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
     """Yield the picture (rows, columns, 3) uint8 of each frame, with its time in the title and a common colour bar.
 
-    Raises InputError if the solution has no frames.
+    Raises InputError if the solution has no frames, and as :func:`check_channels`, or if the look is of the error.
     """
     frames = frames_of(solution, "a film")
+    if look.field == "error":
+        raise InputError("field = 'error' is the error at the end, and frames are earlier; leave out field.")
     evolved: EvolvedRecord = frames[0]
     meshes = replace(evolved, frames=frames).frame_meshes()
     every = replace(meshes[0], values=np.concatenate([mesh.values for mesh in meshes]))

@@ -29,7 +29,7 @@ def rasterize_triangles(
 ) -> None:
     """Draw triangles into the rows of an image, at the pixels where they are nearer to the viewer than its ``depth``.
 
-    ``corners`` (v, 3): column and row from the upper left corner of the picture, in pixels, and height to the viewer.
+    ``corners`` (v, 3): column and row from the whole picture's upper left corner, in pixels of ``image``, and height.
     ``triangles`` (t, 3): the vertices at their corners.
     ``paint`` (v, 3) or (v, 1): colours of the vertices, or their places from 0 to 1 in ``table`` (k, 3).
     ``normals`` (v, 3): normals: to the right, up and towards the viewer; no rows if the triangles are not shaded.

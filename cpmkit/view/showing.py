@@ -33,8 +33,9 @@ from cpmkit.view.pictures import check_look, mode_bar, picture, render, shown_va
 def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
     """Return the HTML page of a solution, with a slider over frames in time or over modes.
 
-    ``**options``: options of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are not drawn. Raises
-    InputError if an option is not accepted or the surface has no mesh, MissingDependencyError without matplotlib.
+    ``**options``: options of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are not drawn, and the
+    width is the browser's. Raises InputError if an option is not accepted or the surface has no mesh, CpmkitError if a
+    requested error cannot be estimated, MissingDependencyError without matplotlib.
     """
     look = Look.from_options(options, "a page")
     check_look(look)
@@ -85,7 +86,7 @@ def _fill_template(title: str, data: dict[str, Any]) -> str:
 
 def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
     """Return the mesh, pairs (name, values (v,) or (v, 1), or colours (v, 3)), and the bar, None with colours."""
-    if isinstance(solution, EigenRecord) and look.channel is None:
+    if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
         mesh = solution.display_mesh()
         return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), mode_bar(mesh, look)
     look = replace(look, vectors=False, isolines=Look.isolines)
@@ -101,7 +102,7 @@ def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, l
 
 
 def _bar_ticks(bar: Bar) -> list[tuple[float, str]]:
-    """Return about seven ticks of a colour bar, as pairs (place on the bar from 0 to 1, text)."""
+    """Return up to eight ticks of a colour bar, as pairs (place on the bar from 0 to 1, text)."""
     from matplotlib.ticker import MaxNLocator
 
     places = [tick for tick in MaxNLocator(7).tick_values(*bar.ends) if bar.ends[0] <= tick <= bar.ends[1]]
@@ -132,7 +133,7 @@ class Page:
 def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
     """Show a solution as a page to turn and zoom: in a notebook below the cell, else in the browser; return the page.
 
-    ``options`` are those of :func:`page_of`. Raises InputError as it does, and if no browser opens; the file remains.
+    ``options`` and errors are those of :func:`page_of`. Raises InputError also if no browser opens; the file remains.
     """
     html = page_of(solution, **options)
     shell = sys.modules.get("IPython")
@@ -149,8 +150,8 @@ def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
 def plot(solution: SolutionRecord, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
     """Draw a solution on axes of matplotlib, by default of a new figure 900 pixels wide, and return them.
 
-    ``options`` are those of Look. Raises InputError if one is not accepted or the surface has no mesh, and
-    MissingDependencyError without matplotlib.
+    ``options`` are those of Look. Raises InputError if one is not accepted or the surface has no mesh, CpmkitError if a
+    requested error cannot be estimated, and MissingDependencyError without matplotlib.
     """
     look = Look.from_options({"width": 900, **options}, "a plot", ("axes",))
     check_look(look)

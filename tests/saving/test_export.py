@@ -112,6 +112,13 @@ def test_without_pyvista_the_extra_is_named(square, monkeypatch):
         check_file("u.vtp", square(2).surface)
 
 
+@pytest.mark.parametrize("file", ["film.gif", "page.html"])
+def test_without_matplotlib_films_and_pages_are_refused_before_anything_is_solved(file, square, monkeypatch):
+    monkeypatch.setattr("cpmkit.view.pictures.find_spec", lambda name: None)
+    with pytest.raises(MissingDependencyError, match="need matplotlib"):
+        check_file(file, square(2).surface)
+
+
 def test_what_fails_half_way_leaves_the_earlier_file_and_no_other(tmp_path):
     def fail(path):
         with written_whole(path) as unfinished:

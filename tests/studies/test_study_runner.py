@@ -1,6 +1,7 @@
 """A study makes each of its runs once, whatever interrupts it, and its report fits orders to what is recorded."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit.cli import main
-from cpmkit.errors import InputError, ResolutionError, SceneError
+from cpmkit.errors import InputError, MissingDependencyError, ResolutionError, SceneError
 from cpmkit.studies import report
 from cpmkit.studies.records import append_record, drop_unfinished_line, group_into_series, read_records
 from cpmkit.studies.reference_values import sample_points, solve_by_fixed_nodes
@@ -282,6 +283,12 @@ def test_figures_hold_the_records_and_reference_slopes():
     left, right = report.work_figure(series, "Made up").axes
     assert np.allclose(left.lines[0].get_xdata(), [1.2, 1.1, 1.05])
     assert np.allclose(right.lines[1].get_xydata()[-1], [2000, 0.05**2])
+
+
+def test_without_matplotlib_a_report_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(MissingDependencyError, match=r"pip install 'cpmkit\[view\]'"):
+        report.convergence_figure(group_into_series(made_up()), "Made up")
 
 
 def test_the_time_step_is_tied_to_the_spacing():

@@ -7,7 +7,8 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, SceneError
-from cpmkit.scenefile.look import PictureRequest
+from cpmkit.saving.results import check_request
+from cpmkit.scenefile.look import OutputRequest, PictureRequest
 
 SCENE = """
 [surface]
@@ -110,6 +111,12 @@ def test_the_command_line_says_how_the_picture_looks(tmp_path, monkeypatch):
         refused = CliRunner().invoke(main, ["solve", "ball.toml", "--look", wrong])
         assert refused.exit_code == 1
         assert message in refused.output
+
+
+def test_a_film_beside_a_picture_of_the_error_is_refused_before_anything_is_solved(tmp_path):
+    request = OutputRequest(tmp_path, ("film.gif",), PictureRequest(field="error"))
+    with pytest.raises(InputError, match=r"'film\.gif' shows frames"):
+        check_request(request, ck.source("analytic.sphere"), tmp_path)
 
 
 @pytest.mark.parametrize("given", [{"field": "grad"}, {"field": "error", "frames": True}])

@@ -63,6 +63,19 @@ def test_a_gif_and_an_mp4_have_all_frames(cooling, tmp_path):
         cooling.animate(tmp_path / "film.avi")
 
 
+def test_a_film_of_the_error_is_refused(cooling, tmp_path):
+    with pytest.raises(InputError, match="the error at the end"):
+        cooling.animate(tmp_path / "film.gif", field="error")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_page_of_the_error_of_modes_shows_the_largest(tmp_path):
+    modes = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.Eigen(count=3)), 0.2)
+    (field,) = read(page_of(modes, tmp_path, field="error"))["fields"]
+    values = np.frombuffer(base64.b64decode(field["values"]), "<f4")
+    assert values == pytest.approx(modes.error.on_mesh(modes.display_mesh()).max(axis=1), rel=1e-5, abs=1e-9)
+
+
 def test_a_film_needs_frames(tmp_path):
     still = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0)), 0.3)
     with pytest.raises(InputError, match="a film needs frames, and the solution has none"):

@@ -83,6 +83,21 @@ def test_a_shorter_series_replaces_a_longer_one_and_leaves_other_files(tmp_path)
     assert named == [f"run_frames/frame-000{number}.vtp" for number in range(3)]
 
 
+def test_an_index_that_fails_leaves_all_files_of_the_earlier_one(tmp_path, monkeypatch):
+    pytest.importorskip("pyvista")
+    ck.solve(scene(heat(frames=4)), 0.2).save(tmp_path / "run.pvd")
+
+    def fail(path):
+        raise ck.InputError("full")
+
+    monkeypatch.setattr("cpmkit.saving.saved_solutions.written_whole", fail)
+    with pytest.raises(ck.InputError, match="full"):
+        ck.solve(scene(heat(frames=2)), 0.2).save(tmp_path / "run.pvd")
+    named = [entry.get("file") for entry in ElementTree.parse(tmp_path / "run.pvd").iter("DataSet")]
+    assert len(named) == 5
+    assert all((tmp_path / file).is_file() for file in named)
+
+
 def test_a_series_that_fails_leaves_the_earlier_one(tmp_path, monkeypatch):
     pytest.importorskip("pyvista")
     solution = ck.solve(scene(heat(frames=2)), 0.2)
