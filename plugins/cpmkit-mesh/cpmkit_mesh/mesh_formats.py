@@ -100,7 +100,7 @@ FACET_WORDS = ("facet", "outer", "vertex", "vertex", "vertex", "endloop", "endfa
 
 
 def read_stl(data: bytes) -> tuple[Floats, Polygons]:
-    """Return corners (3 m, 3) of m triangles in the bytes ``data`` of an STL file, text or binary, and triangles.
+    """Return corners (3 m, 3) and the m triangles between them in the bytes ``data`` of an STL file, text or binary.
 
     Raise InputError if it is no STL file, is cut off, or a line is damaged.
     """

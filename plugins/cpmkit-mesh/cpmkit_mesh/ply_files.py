@@ -192,8 +192,7 @@ class _Stream:
     def _read_equal_rows(self, element: Element) -> Table | None:
         """Return the next element's table and move past it, if each list has one length in all rows; else return None.
 
-            None is returned too if the data are too short for that; the position then stays. Raise InputError if the
-            data
+        None is returned too if the data are too short for that; the position then stays. Raise InputError if the data
         end in the first row, or a list's length there is damaged.
         """
         start = self.place

@@ -45,7 +45,7 @@ def tilt_normals_at_unsupported_edges(mesh: OrientedTriangleMesh) -> Floats:
 
 
 def support_warnings(mesh: OrientedTriangleMesh) -> list[str]:
-    """Return a warning if over :data:`UNSUPPORTED_AREA_SHARE` of the area is in triangles with such edges, else []."""
+    """Return a warning if triangles with unsupported edges pass :data:`UNSUPPORTED_AREA_SHARE` of the area; else []."""
     faces = mesh.faces
     _, unsupported, of_faces = _unsupported_edges(mesh)
     areas, affected = double_areas(mesh.vertices, faces), unsupported[of_faces].any(axis=1)

@@ -241,7 +241,7 @@ class PointCloud:
 
     @cached_property
     def _noise(self) -> float:
-        """Root mean square distance of at most 500 samples from the surface, over the longest side of the bounds."""
+        """Root mean square distance of at most 500 samples from the surface, over the longest side of their box."""
         if self._original is not self:
             return self._original._noise
         count = len(self.points)

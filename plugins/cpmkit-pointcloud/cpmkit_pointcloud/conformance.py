@@ -18,10 +18,10 @@ Draw = Callable[[np.random.Generator, int], Floats]
 
 
 def cases() -> list[ConformanceCase]:
-    """Return clouds of even and of random density, of degree 2 and 4, with normals, in the plane, and plain samples.
+    """Return cases of even and of random clouds, of degree 2 and 4, with normals, in the plane, and of nearest samples.
 
-    The last number of a case is the distance up to which ``distance`` is that of the foot: half the smallest radius of
-    curvature.
+    The last number of a case is a distance up to which ``distance`` is that of the foot, below half the smallest radius
+    of curvature.
     """
     from cpmkit.plugin import ConformanceCase
 

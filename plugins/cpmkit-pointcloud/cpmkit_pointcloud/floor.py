@@ -38,9 +38,9 @@ def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats
     """Return the root mean square error of the surface's slope, and the median width of its bumps as a length.
 
     The slope is that of ``patches``, one for each of ``points`` (n, d), against patches of the next degree, at 500
-    samples at most; it is 0 if the neighbours of none of these determine both patches. ``tree`` is that of the points;
-    ``normals`` (n, d) or None separate sheets. The error includes truncation and noise; on even samples without noise
-    it is overestimated up to 4 times.
+    samples at most; the error is 0 if the neighbours of none of these determine both patches. ``tree`` is that of the
+    points; ``normals`` (n, d) or None separate sheets. The error includes truncation and noise; on even samples without
+    noise it is overestimated up to 4 times.
     """
     rows = np.sort(np.random.default_rng(0).choice(len(points), min(SLOPE_SAMPLES, len(points)), replace=False))
     degree = patches.degree + 1
