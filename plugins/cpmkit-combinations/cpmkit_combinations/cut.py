@@ -79,9 +79,9 @@ def _section_by_source(surface: Any, point: Floats, normal: Floats) -> ClosestPo
 def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | None = None) -> TracedCurve | PointSet:
     """Return the points of a surface, or of a curve, at which a function vanishes and changes its sign.
 
-    Raise InputError if an argument is not accepted, or phi is not finite on the surface, keeps its sign, jumps over
-    zero, vanishes on a curve that branches or is too small or too sharply curved for the samples, or only touches zero
-    somewhere on a curve.
+    Where it jumps over zero there is no point. Raise InputError if an argument is not accepted, or phi is not finite on
+    the surface, keeps its sign or only jumps, vanishes on a curve that branches or is too small or too sharply curved
+    for the samples, or has no slope at a zero on a curve, which it may only touch.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def level_cut(surface: ClosestPointSource, function: Any, label: str, resolution
 def _cut_points(cut: LevelCut) -> PointSet:
     """Return the zeros on a curve, in lexicographic order.
 
-    Raise InputError where the function only touches zero, and as :func:`find_crossings`.
+    Raise InputError where the function has no slope at a zero, and as :func:`find_crossings`.
     """
     feet = find_crossings(cut).inside
     _, _, share = cut.directions(feet)

@@ -226,9 +226,9 @@ class Trimmed(Wrapper):
 def trimmed_source(*, of: ClosestPointSource, trim: Any, resolution: int | None = None) -> Any:
     """Return the part of a surface or curve where a function of position is at most zero, with a true edge.
 
-    Raise InputError if an argument is not accepted, trim is not finite on the whole or jumps over zero, nothing is cut
-    off or nothing is left, trim only touches zero on a curve or leaves more than one piece of it, or the new edge of a
-    surface branches, or is too small or too sharply curved for the samples.
+    Raise InputError if an argument is not accepted, trim is not finite on the whole or only jumps over zero, nothing is
+    cut off or nothing is left, trim has no slope at a zero on a curve or leaves more than one piece of it, or the new
+    edge of a surface branches, or is too small or too sharply curved for the samples.
 
     Parameters
     ----------

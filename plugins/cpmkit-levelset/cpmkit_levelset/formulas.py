@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.plugin import COORDINATES, FUNCTIONS, Floats, FormulaJets, SceneError, formula_jets, formula_tree, shown
 
 #: What formulas offer and level sets do not: it jumps.
-ROUGH_FUNCTIONS = ("sign", "floor")
+DISCONTINUOUS_FUNCTIONS = ("sign", "floor")
 #: Which of the rows of second derivatives is an entry of the Hessian, by dimension.
 HALF_OF_HESSIAN = {2: np.array([[0, 1], [1, 2]]), 3: np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])}
 
@@ -61,12 +61,12 @@ def formula_field(text: Any, dim: int, label: str) -> FormulaField:
     """
     names = COORDINATES[:dim]
     tree = formula_tree(text, names, label)
-    rough = next((node for node in ast.walk(tree) if _is_rough(node)), None)
-    if rough is not None:
+    jump = next((node for node in ast.walk(tree) if _is_discontinuous(node)), None)
+    if jump is not None:
         raise SceneError(
-            f"{label} uses {shown(ast.get_source_segment(text.strip(), rough))}, which jumps; a level set is "
+            f"{label} uses {shown(ast.get_source_segment(text.strip(), jump))}, which jumps; a level set is "
             f"continuous: use + - * / ** and "
-            f"{', '.join(name for name in FUNCTIONS if name not in ROUGH_FUNCTIONS)}."
+            f"{', '.join(name for name in FUNCTIONS if name not in DISCONTINUOUS_FUNCTIONS)}."
         )
     jets = formula_jets([tree], names, label)
     if not jets.programs[0].variables:
@@ -86,11 +86,11 @@ def _kink_argument(node: ast.AST) -> ast.expr | None:
     return None
 
 
-def _is_rough(node: ast.AST) -> bool:
-    """Return whether a node of a formula's tree jumps: a rough function, % or a comparison."""
+def _is_discontinuous(node: ast.AST) -> bool:
+    """Return whether a node of a formula's tree jumps: sign, floor, % or a comparison."""
     match node:
         case ast.Call(func=ast.Name(id=name)):
-            return name in ROUGH_FUNCTIONS
+            return name in DISCONTINUOUS_FUNCTIONS
         case ast.BinOp(op=ast.Mod()) | ast.Compare():
             return True
     return False

@@ -10,7 +10,7 @@ from cpmkit_parametric.maps import UnitMap
 
 
 def curve_mesh(map: UnitMap, domain: Domain, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, d) on the curve and segments (m, 2) of equal arcs up to ``spacing``, in order of travel.
+    """Return vertices (v, d) on the curve and segments (m, 2) of about equal arcs up to ``spacing``, along it.
 
     A closed curve has at least three segments.
     """

@@ -160,7 +160,7 @@ class Curve(Parametric):
         return _unit_vectors(along)
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) and segments (m, 2) in order of growing t, of equal arcs up to ``spacing`` > 0."""
+        """Return vertices (v, d) and segments (m, 2) in order of growing t, of about equal arcs up to ``spacing``."""
         vertices, cells = curve_mesh(self.map, self.domain, positive(spacing, "spacing"))
         return vertices + self.shift, cells
 
