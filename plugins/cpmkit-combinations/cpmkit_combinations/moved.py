@@ -93,7 +93,7 @@ class Moved(Wrapper):
         return None if point is None else self._to_world(as_vector(point, self.dim, "left_of")[None])[0]
 
     def _local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
-        """Return rows (k,) of ``x`` (n, d) and the local minima of the distance within ``radius``, nearest first."""
+        """Return rows (k,) of ``x`` (n, d), ascending, and their feet within ``radius``, by row the nearest first."""
         inner = self._to_inner(as_points(x, self.dim))
         rows, feet = self.of.local_minima(inner, positive(radius, "radius") / self.scale)
         return rows, self._world_record(feet)

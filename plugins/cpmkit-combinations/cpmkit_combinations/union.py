@@ -108,10 +108,10 @@ class Union:
         return ClosestPoints(feet.points, feet.distance, edge, np.full(len(feet), number), doubtful=doubtful)
 
     def _local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
-        """Return the rows (k,) of ``x`` (n, d) and the feet of all members within ``radius``, the nearest first.
+        """Return rows (k,) of ``x`` (n, d), ascending, and the feet on all members within ``radius``.
 
-        A member without local minima contributes its closest points. Raise InputError if ``x`` holds NaN or infinity,
-        its shape is not (n, d), or ``radius`` is not a number above zero.
+        Those of a row are ordered by distance. A member without local minima contributes its closest points. Raise
+        InputError if ``x`` holds NaN or infinity, its shape is not (n, d), or ``radius`` is not a number above zero.
         """
         x, radius = as_points(x, self.dim), positive(radius, "radius")
         answers = [local_minima_of(member, x, radius) for member in self.members]

@@ -126,7 +126,8 @@ class Differences:
 def _evaluate(function: Callable[[Floats], Any], label: str, p: Floats, shape: tuple[int, ...]) -> Floats:
     """Return ``function`` at a copy of points ``p`` (n, d), as float64 of shape (n, *shape).
 
-    Raise InputError, which names ``label``, if it returns another shape or no numbers.
+    Raise InputError, which names ``label``, if it returns another shape or no numbers, or raises TypeError or
+    ValueError.
     """
     try:
         values = np.array(function(p.copy()), dtype=np.float64, order="C")
