@@ -64,7 +64,7 @@ def solve_discretized(
     """Solve a discretised scene by the solver of its equation's family, and return the solution.
 
     ``cache`` has operators and factors of earlier solves on the same tables, and receives new ones; ``guess``
-    (unknowns, channels) is the first iterate of iterative solvers; ``started`` is ``time.perf_counter()`` at the start
+    (unknowns, channels) begins iterations of steady problems; ``started`` is ``time.perf_counter()`` at the start
     of the discretisation, by default now. Raises CpmkitError as the family's solver does.
     """
     started = time.perf_counter() if started is None else started
@@ -93,7 +93,7 @@ def resolve_options(
 
     The function has no arguments and returns the discretised scene. The lattice options are None for a ``backend``
     other than "cpm", for which ``spacing`` may be None. Raises InputError if an option is not accepted, SceneError if
-    a form "cpm" cannot discretise the scene, and PluginError if no installed plugin offers the back end.
+    the form of "cpm" cannot discretise the scene, and PluginError if no installed plugin offers the back end.
     """
     if backend != "cpm":
         label = f"the back end {backend!r}"

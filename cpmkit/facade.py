@@ -40,7 +40,7 @@ class Solution(SolutionRecord):
     def error(self) -> ErrorEstimate:
         """The estimated error: the estimate that :func:`cpmkit.solve` made, or one computed on first use.
 
-        It is computed by a solve on a lattice of twice the spacing, on surfaces for a quarter of the solution's cost.
+        It is computed by a solve at twice the spacing, on surfaces for about a quarter of the solution's cost.
 
         Raises CpmkitError if the scene cannot be solved at twice the spacing, or the solution has no lattice, was made
         with ``estimate=False``, or its form has no estimate.

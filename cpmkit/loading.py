@@ -65,7 +65,7 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
     ------
     InputError
         If the file is missing, incomplete, not written by cpmkit or of a later format, has unexpected arrays, or
-        belongs to another scene.
+        belongs to another scene; others as reading or discretising the scene raises them.
 
     Examples
     --------

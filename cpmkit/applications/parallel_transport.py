@@ -61,7 +61,7 @@ class LogarithmicMap:
     transported_axes: tuple[TangentField, TangentField | None]
 
     def evaluate(self, points: Any) -> Floats:
-        """Return the coordinates (n, 2) of the surface's points nearest to ``points`` (n, 3)."""
+        """Return coordinates (n, 2), in the scene's unit, of the surface's points nearest to ``points`` (n, 3)."""
         surface, h = self.distance.solution.scene.surface, self.distance.solution.spacing
         at = surface.closest_point(as_points(points, 3)).points
         away, length = unit(self.distance.gradient(at)), self.distance.evaluate(at)

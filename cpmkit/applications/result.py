@@ -159,7 +159,7 @@ MeasuredResult = TypeVar("MeasuredResult", bound=Measured)
 def measure_to_target(
     surface: Any, spacing: float | None, options: dict[str, Any], measure: Callable[[Prepared], MeasuredResult]
 ) -> MeasuredResult:
-    """Return the result of ``measure`` at a spacing, or at the spacing that reaches the accuracy target.
+    """Return the result of ``measure`` at a spacing, or at that which :func:`cpmkit.solve_by` finds for a target.
 
     Raises CpmkitError if an option is not accepted, or ``measure`` raises it.
 
@@ -208,7 +208,7 @@ def unpack_pair(pair: Any, words: str) -> tuple[Any, Any]:
 
 
 def check_rounds(method: Any, rounds: Any) -> int:
-    """Return ``rounds`` for the ``method`` transport, InputError if not 1 to 100; 0, unchecked, for heat."""
+    """Return ``rounds``, from 1 to 100, for the ``method`` transport, 0 for heat; raise InputError for others."""
     return 0 if check_choice(method, ("transport", "heat"), "method") == "heat" else whole(rounds, "rounds", 1, 100)
 
 

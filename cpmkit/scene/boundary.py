@@ -21,8 +21,8 @@ from cpmkit.types import SIDES, Floats, Ints, Side, Sides
 def _as_boundary_source(value: Any) -> Any:
     """Return the place of a boundary as a source, or as integers (k,): numbers of vertices of the surface.
 
-    An integer or a list of integers (k,), also of d, becomes the numbers; points (k, d), or a point (d,) of other
-    numbers, a closest-point source; any other value, also a source, is returned unchanged.
+    An integer or a list of integers, even of length d, becomes the numbers; points (k, d), or a point (d,) that is not
+    all integers, become a closest-point source; any other value, also a source, is returned unchanged.
     """
     if isinstance(value, (ClosestPointSource, str, bytes, bool)) or callable(value):
         return value
