@@ -24,7 +24,7 @@ from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered
 from cpmkit.linear.solver_options import make_solver
 from cpmkit.runtime.memory import release_memory
-from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.data import Functional, evaluate_data
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Bools, Floats, Progress, no_progress
 
@@ -141,10 +141,12 @@ def residual_squares(form: Galerkin, u: Floats) -> Floats:
 
     It is summed over channels. h_l, the spacing of a patch, is in units of h. Each channel's square is first divided by
     its integral over the manifold, so that the result does not depend on the units of channels. The residual is
-    f + div(a grad u) - c u. The result indicates where the local error is large, not how large it is.
+    f + div(a grad u) - c u, f without a functional. The result indicates where the local error is large, not how large
+    it is.
     """
     terms, points = form.scene.problem.terms(), form.points.copy()
-    f = evaluate_data(terms.f, points, u.shape[1], "the right-hand side f")
+    function = terms.f.beside if isinstance(terms.f, Functional) else terms.f
+    f = evaluate_data(function, points, u.shape[1], "the right-hand side f")
     c = evaluate_data(terms.c, points, 1, "the factor c")
     a = evaluate_data(terms.diffusivity, points, 1, "the diffusivity")
     residual = f + a * _laplacian(form, u) - c * form.at_points(u)

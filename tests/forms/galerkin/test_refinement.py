@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
+from scipy.special import eval_legendre
 
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
@@ -199,6 +200,20 @@ def slit_error(solution, u):
     y[:1500] *= 0.1
     x = np.column_stack([y, np.zeros(len(y))])[np.abs(y[:, 1]) > 1e-3] @ TURN.T
     return np.sqrt(np.mean((solution.evaluate(x) - u(x)) ** 2))
+
+
+def test_refinement_gathers_at_a_point_source():
+    source = ck.PointSource([[0.0, 0.0, 1.0]])
+    scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(source, c=1.0))
+    angle, degree = np.array([0.05, 0.1, 0.2]), np.arange(20_000)[:, None]
+    exact = ((2 * degree + 1) / (degree**2 + degree + 1) * eval_legendre(degree, np.cos(angle))).sum(axis=0) / (
+        4 * np.pi
+    )
+    points = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)
+    refined, uniform = ck.solve(scene, spacing=0.3, refine="auto"), ck.solve(scene, spacing=0.1)
+    assert refined.work.unknowns < uniform.work.unknowns / 5
+    error, plain = (np.abs(solution.evaluate(points) - exact).max() for solution in (refined, uniform))
+    assert error < plain / 3
 
 
 def test_the_tip_of_a_slit_takes_an_eighth_of_the_unknowns():
