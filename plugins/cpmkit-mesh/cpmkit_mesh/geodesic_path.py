@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.plugin import Floats, InputError, Ints, MissingDependencyError, as_points, shown
 from cpmkit_mesh.chains import components
 from cpmkit_mesh.mesh_curves import as_mesh_source
-from cpmkit_mesh.mesh_files import as_numbers
+from cpmkit_mesh.mesh_files import as_numbers, group_equal_rows
 from cpmkit_mesh.polyline import Polyline, polyline
 from cpmkit_mesh.triangles import TriangleMesh
 
@@ -33,9 +33,9 @@ def path(
     Each geodesic is the shortest path along edges, straightened by flipping edges (Sharp and Crane, "You can find
     geodesic paths in triangle meshes by just flipping edges", ACM Trans. Graph. 39 (6), 2020). Raise InputError if none
     or several meshes are given, the mesh is refused as by :func:`triangles`, a number is not that of a vertex of a
-    triangle, a point is far from the mesh, two vertices lie on different components, there are too few, or an edge has
-    three triangles, or two that are wound differently. Raise MissingDependencyError if potpourri3d, which traces
-    geodesics, is not installed.
+    triangle, a point is far from the mesh, two vertices lie on different components, there are too few, an edge has
+    three triangles, or two that are wound differently, or a tight closed curve shrinks to a point. Raise
+    MissingDependencyError if potpourri3d, which traces geodesics, is not installed.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def path(
         Whether the last vertex leads back to the first.
     tight : bool
         Whether the whole curve is straightened, so that it passes only the first and the last vertex, and a closed
-        curve none. A closed curve needs a waist of the surface; from elsewhere it shrinks to a point.
+        curve none. A closed curve needs a waist of the surface; elsewhere it shrinks to a point, and is refused.
     """
     mesh = as_mesh_source("mesh.path", file, vertices, faces, surface)
     waypoints = _remove_repeats(_waypoints(mesh, through), bool(closed))
@@ -64,7 +64,10 @@ def path(
             f"{' for a closed curve' if closed else ''}, got {len(waypoints)}."
         )
     _check_connected(mesh, waypoints)
-    return polyline(points=_trace_geodesics(mesh, waypoints, bool(closed), bool(tight)), closed=bool(closed))
+    points = _trace_geodesics(mesh, waypoints, bool(closed), bool(tight))
+    if closed and tight:
+        _check_not_shrunk(points)
+    return polyline(points=points, closed=bool(closed))
 
 
 def _waypoints(mesh: TriangleMesh, through: Any) -> Ints:
@@ -130,6 +133,17 @@ def _check_connected(mesh: TriangleMesh, waypoints: Ints) -> None:
         raise InputError(
             f"entries 0 and {other[0]} of through lie on pieces of the mesh that are not connected; draw a curve on "
             "each."
+        )
+
+
+def _check_not_shrunk(points: Floats) -> None:
+    """Raise InputError if the closed curve ``points`` (p, 3), which repeats its first, passes each segment again."""
+    numbers = group_equal_rows(points)[1]
+    segments = np.sort(np.stack([numbers[:-1], numbers[1:]], axis=1), axis=1)
+    if np.unique(segments, axis=0, return_counts=True)[1].min(initial=2) > 1:
+        raise InputError(
+            "the tight closed curve shrinks to a point, or to a path that it passes there and back; name vertices "
+            "around a waist of the surface, or leave tight out."
         )
 
 

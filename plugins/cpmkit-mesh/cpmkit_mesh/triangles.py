@@ -191,9 +191,10 @@ class TriangleMesh:
     def plane_section(self, point: Floats, normal: Floats, /) -> PlaneSection:
         """Return the curve in which the plane through ``point`` (3,) with normal vector ``normal`` (3,) cuts the mesh.
 
-        The normal points to the left of the curve. Raise InputError if the plane misses the mesh or only touches it.
+        The normal points to the left of the curve. Raise InputError if the plane misses the mesh or only touches it, or
+        ``point`` or ``normal`` is not 3 finite numbers.
         """
-        return plane_section(self, point, normal)
+        return plane_section(self, as_vector(point, 3, "point"), as_vector(normal, 3, "normal"))
 
     @property
     def given_mesh(self) -> tuple[Floats, Ints]:

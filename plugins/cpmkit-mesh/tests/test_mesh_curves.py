@@ -199,3 +199,12 @@ def test_wrong_input_is_answered_in_one_sentence(make, keys, message):
         keys["vertices"], keys["faces"] = keys.pop("mesh")()
     with pytest.raises(InputError, match=message):
         make(**keys)
+
+
+@pytest.mark.parametrize(
+    ("point", "normal", "message"), [([0, 0], [0, 0, 1], "point must"), ([0, 0, 0], [0, 0, np.nan], "normal must")]
+)
+def test_a_plane_that_is_no_point_and_normal_of_space_is_refused(sphere, point, normal, message):
+    points, faces = sphere(1)
+    with pytest.raises(InputError, match=message):
+        triangles(vertices=points, faces=faces).plane_section(point, normal)

@@ -66,6 +66,13 @@ def test_a_tight_loop_ends_at_the_waist():
     assert length(loose) > 1.05 * waist
 
 
+def test_a_tight_loop_without_a_waist_is_refused(sphere):
+    """It shrinks to an edge that is passed there and back, which used to be the answer."""
+    points, faces = sphere(2)
+    with pytest.raises(InputError, match="the tight closed curve shrinks to a point"):
+        path(vertices=points, faces=faces, through=faces[0], closed=True, tight=True)
+
+
 def test_a_scene_file_takes_the_scenes_own_surface(tmp_path, sphere):
     points, faces = sphere(2)
     rows = [f"v {x} {y} {z}" for x, y, z in points] + [f"f {a} {b} {c}" for a, b, c in faces + 1]
