@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Literal, Unpack, overload
 
 from cpmkit.dispatch import resolve_options, solve_discretized
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
 from cpmkit.families.context import Checkpointing, OperatorCache, PreparedKeywords, PreparingKeywords
 from cpmkit.forms.choice import FORMS, explain_memory_error
@@ -99,11 +99,11 @@ class Prepared(Generic[Family]):
             )
         scene = with_replaced_data(self.discretized.scene, problem, data)
         checkpointing.check_for(scene.problem)
-        start = None if guess is None else guess.values
-        if start is not None and start.shape != (self.discretized.size, scene.channels):
+        start = getattr(guess, "values", None)
+        if guess is not None and getattr(start, "shape", None) != (self.discretized.size, scene.channels):
             raise InputError(
                 f"guess must be a solution on the same tables, ({self.discretized.size}, {scene.channels}) values, got "
-                f"{start.shape}."
+                f"{getattr(start, 'shape', shown(guess))}."
             )
         with explain_memory_error(scene, self.options, self.solver.solver), shown_progress(self.progress) as progress:
             started = time.perf_counter()

@@ -130,6 +130,8 @@ def test_a_guess_saves_iterations(form, solver):
     assert near.report.iterations < 0.7 * first.report.iterations
     with pytest.raises(ck.InputError, match="guess must be a solution on the same tables"):
         prepared.solve(guess=ck.solve(prepared.discretized.scene, 0.3))
+    with pytest.raises(ck.InputError, match=r"guess must be a solution on the same tables.* got 3"):
+        prepared.solve(guess=3)
 
 
 @pytest.mark.parametrize("form", ["collocation", "galerkin"])

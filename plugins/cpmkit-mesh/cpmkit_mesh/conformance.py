@@ -32,8 +32,8 @@ def cases() -> list[ConformanceCase]:
             make = _factory(triangles, vertices=points, faces=faces, closest=closest)
             samples = _triangle_sampler(points, faces)
             conformance.append(ConformanceCase("mesh.triangles", f"{name}, {closest}", make, samples, 0.15, turn))
-    bent = _open_curve()
-    curves = {"open in space": bent, "closed in space": _knot(), "open in the plane": bent[:, :2] * [1.0, 0.5]}
+    arc = _open_curve()
+    curves = {"open in space": arc, "closed in space": _knot(), "open in the plane": arc[:, :2] * [1.0, 0.5]}
     for name, points in curves.items():
         make = _factory(polyline, points=points)
         segments = np.stack([points[:-1], points[1:]], axis=1)
