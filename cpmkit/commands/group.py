@@ -73,7 +73,7 @@ class CommandGroup(click.Group):
                 formatter.write_dl(plugged)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command and return its result; raise an error as click's exception with a sentence and exit code."""
+        """Run a command and return its result; raise errors, except of a closed pipe, as click's with an exit code."""
         try:
             return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort):

@@ -112,7 +112,7 @@ def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
 
 
 def _kind(hint: Any) -> ValueKind:
-    """Return the kind of plain values of the annotation ``hint``, of a tuple that of its first type; else TypeError."""
+    """Return the kind of plain values that ``hint`` accepts, of a tuple by its first type; else raise TypeError."""
     plain = {str: TEXT, bool: FLAG, int: whole_numbers(0), float: numbers()}
     if hint in plain:
         return plain[hint]

@@ -35,7 +35,7 @@ class WrittenResults:
     failures: Mapping[str, Exception]
 
     def check(self) -> None:
-        """Raise InputError, with reasons and the written files, if one is missing; defects of cpmkit as they are."""
+        """Raise InputError, with the reasons, if a file was not written; raise a defect of cpmkit unchanged."""
         for error in self.failures.values():
             if not isinstance(error, (CpmkitError, MemoryError)):
                 raise error

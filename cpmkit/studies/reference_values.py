@@ -99,7 +99,7 @@ def compute_reference(study: Study) -> Reference:
 
 
 def refine_surface_mesh(surface: ClosestPointSource) -> ClosestPointSource:
-    """Return a copy of ``surface`` whose method ``mesh(spacing)`` halves edges of the mesh longer than the spacing.
+    """Return a copy of ``surface`` whose method ``mesh(spacing)`` halves the mesh's edges until none is longer.
 
     The mesh's own vertices come first. New vertices are then moved to their closest points, which may lengthen edges;
     on a surface that is itself a mesh these lie on its flat triangles. Raises InputError if there is no mesh.
@@ -151,7 +151,7 @@ def solve_by_fixed_nodes(
 
     ``scene``: a steady problem; each boundary has the same Dirichlet condition on both sides.
     ``method``: ``nearest`` or ``ball``, the method that selects the fixed nodes.
-    ``spacing``, ``progress``, ``**options``: as for :func:`cpmkit.solve` with the form collocation, without targets.
+    ``spacing``, ``progress``, ``**options``: as for :func:`cpmkit.solve`, in the form collocation, no accuracy target.
 
     Raises SceneError if the problem or a condition is of another kind, sides differ, or there is no boundary.
     """

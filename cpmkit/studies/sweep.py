@@ -215,7 +215,7 @@ class Run:
         return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 
     def lattice_shift(self, dim: int, unit: float | None = None) -> Floats:
-        """Return the lattice shift (``dim``,): zero without an origin, else its own in [0, ``unit`` or the spacing)."""
+        """Return the lattice shift (``dim``,): zero without an origin, else its own in [0, ``unit`` or spacing)."""
         if self.origin is None:
             return np.zeros(dim)
         positions = np.random.default_rng(1).uniform(0, 1, (self.origin + 1, dim))

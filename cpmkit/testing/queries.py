@@ -181,8 +181,8 @@ def law(
 ) -> Callable[[Callable[..., None]], Law]:
     """Return a decorator that turns a check of a subject, or of a subject and queries (n, d), into a law.
 
-    ``where``: where queries lie: anywhere, near (within the case's radius), or near unless the source is exact. Empty
-        if the check takes no queries.
+    ``where``: where queries lie: anywhere, near (within the case's radius, if any), or near unless the source is exact.
+        Empty if the check takes no queries.
     ``ability``, type: sources without it obey the law.
     ``together``: whether queries of all batches are checked at once, for a law about each row or each pair of rows.
     """

@@ -257,7 +257,7 @@ def draw_mesh(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: in
 
 
 def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int) -> tuple[Camera, Floats, Floats]:
-    """Return the camera; segments (s, 2, 3) and points (k, 3), in space: boundaries, ties and twins, as in ``look``."""
+    """Return the camera; segments (s, 2, 3) and points (k, 3), in space, of boundaries, ties, twins that look shows."""
     curves, pins = [np.zeros((0, 2, 3))], [np.zeros((0, 3))]
     for boundary in solution.scene.boundaries if look.curves else ():
         if isinstance(boundary.source, HasMesh):
