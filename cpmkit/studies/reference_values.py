@@ -99,7 +99,7 @@ def compute_reference(study: Study) -> Reference:
 
 
 def refine_surface_mesh(surface: ClosestPointSource) -> ClosestPointSource:
-    """Return a copy of ``surface`` whose method ``mesh(spacing)`` halves the mesh's edges until none is longer.
+    """Return a copy of ``surface`` whose method ``mesh(spacing)`` halves the mesh's edges down to the spacing.
 
     The mesh's own vertices come first. New vertices are then moved to their closest points, which may lengthen edges;
     on a surface that is itself a mesh these lie on its flat triangles. Raises InputError if there is no mesh.

@@ -151,7 +151,7 @@ def check_foot(subject: Subject, x: Floats) -> None:
 
 @law()
 def check_degenerate(subject: Subject) -> None:
-    """A query with many closest points gets one of them: a foot on the manifold, not nearer than the manifold."""
+    """A query with many closest points gets one of them: a foot on the manifold, not nearer than it is."""
     x = symmetric_points(subject)
     feet = subject.source.closest_point(x)
     require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
