@@ -23,6 +23,7 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction, singular_functions
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.refinement.regions import Regions, grade_mesh, grade_towards_tips, graded_samples
+from cpmkit.forms.galerkin.rim_corners import neck_warnings
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
@@ -172,6 +173,7 @@ def sample_inserted(
     of_boundaries = mesh.cells if is_uncut else cut_corners(mesh)
     cut, corners = _with_ties(mesh, of_boundaries, spacing, options.own.degree)
     half, winding = half_facets(cut), mesh.winding
+    warnings += tuple(neck_warnings(mesh, lattice, regions))
     warnings += tuple(seam_warnings(seam_midpoints(mesh, half), surface, geometry))
     terms = scene.problem.terms()
     flows_out = terms.conservative and terms.velocity is not None  # what leaves through rims is read at samples
