@@ -90,19 +90,28 @@ class Solution(SolutionRecord):
         return show(self, **options)
 
     def to_pyvista(self, vertices: str = "display") -> Any:
-        """Return a ``pyvista.PolyData`` with point data ``u``; vertices as for :meth:`save`. Needs pyvista."""
+        """Return a ``pyvista.PolyData`` with point data ``u``, (v,) or (v, channels).
+
+        ``vertices`` is as for :meth:`save`. Raises MissingDependencyError without pyvista, InputError where that does.
+        """
         from cpmkit.saving.mesh_files import to_pyvista
 
         return to_pyvista(self, vertices)
 
     def to_trimesh(self, vertices: str = "display") -> Any:
-        """Return a ``trimesh.Trimesh`` with the vertex attribute ``u``; vertices as for :meth:`save`. Needs trimesh."""
+        """Return a ``trimesh.Trimesh`` with the vertex attribute ``u``, (v,) or (v, channels).
+
+        ``vertices`` is as for :meth:`save`. Raises MissingDependencyError without trimesh, InputError where that does.
+        """
         from cpmkit.saving.mesh_files import to_trimesh
 
         return to_trimesh(self, vertices)
 
     def to_meshio(self, vertices: str = "display") -> Any:
-        """Return a ``meshio.Mesh`` with point data ``u``; vertices as for :meth:`save`. Needs meshio."""
+        """Return a ``meshio.Mesh`` with point data ``u``, (v,) or (v, channels).
+
+        ``vertices`` is as for :meth:`save`. Raises MissingDependencyError without meshio, InputError where that does.
+        """
         from cpmkit.saving.mesh_files import to_meshio
 
         return to_meshio(self, vertices)

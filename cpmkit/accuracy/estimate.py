@@ -23,6 +23,7 @@ from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.runtime.options import document_options
 from cpmkit.scene.equations_in_time import FIRST_ORDER_SCHEMES, Evolution
 from cpmkit.scene.scene import Scene
+from cpmkit.solution.frames import EvolvedRecord
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
@@ -42,7 +43,7 @@ def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool
     the root of two times alone where two times is too coarse. ``solve_at`` solves. Raises ResolutionError if the scene
     cannot be solved at that spacing either. Raises CpmkitError as ``solve`` does at the larger spacings.
     """
-    scene = with_further_modes(solution.scene)
+    scene = with_further_modes(_scene_until(solution))
     coarse_solutions = _coarser_solutions(scene, solution, solve_at, RATIOS[tight])
     coarsest = coarse_solutions[-1]
     in_time = error_in_time(coarsest, solve_at)
@@ -50,6 +51,16 @@ def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool
     negligible = 0.5 * estimate.of("rms")
     floor = measured_source_error(coarsest, lambda scene: solve_at(scene, coarsest.spacing), negligible)
     return replace(estimate, floor=np.full(len(estimate.unit), floor))
+
+
+def _scene_until(solution: SolutionRecord) -> Scene:
+    """Return the scene of a solution, for a frame with the frame's time as its end; InputError if that is the start."""
+    problem: Any = solution.scene.problem
+    if not isinstance(solution, EvolvedRecord) or solution.time >= problem.until:
+        return solution.scene
+    if solution.time <= problem.t0:
+        raise InputError("the error of the frame at the start is that of its initial data; take a later frame.")
+    return replace(solution.scene, problem=replace(problem, until=solution.time, frames=0))
 
 
 def _coarser_solutions(

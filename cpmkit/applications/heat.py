@@ -198,8 +198,8 @@ def barrier_scene(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene
     return ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge)
 
 
-def prepare_heat(prepared: Prepared) -> Prepared:
-    """Return the prepared scene with a direct solver, whose heat has no noise; itself above 60,000 unknowns."""
+def with_direct_solver(prepared: Prepared) -> Prepared:
+    """Return the prepared scene with a direct solver, whose values have no noise; itself above 60,000 unknowns."""
     if prepared.discretized.size > 60_000:
         return prepared
     return prepared.solved_by("direct", solver_tolerance=DISTANCE_RESIDUAL)
@@ -211,7 +211,7 @@ def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None 
     They are zero at the few points where heat underflows, and on those of the ``pieces`` that have no origin. Raises
     SceneError if no heat arrives at other points, of a piece with an origin or, without ``pieces``, of any piece.
     """
-    h, heated = prepared.discretized.spacing, prepare_heat(prepared)
+    h, heated = prepared.discretized.spacing, with_direct_solver(prepared)
     share, time = 0.0 if heated is not prepared else NOISE_SHARE, HEAT_TIME * h * h
     longest = float(np.ptp(prepared.scene.surface.bounds, axis=0).max()) ** 2  # then heat is everywhere
     while True:

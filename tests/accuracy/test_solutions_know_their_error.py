@@ -163,3 +163,15 @@ files = ["summary.json"]
     refused = CliRunner().invoke(main, ["solve", "both.toml"])
     assert refused.exit_code == 1
     assert "each decides how fine the lattice is" in refused.output
+
+
+def test_the_error_of_a_frame_is_that_at_its_time():
+    def heat(until, frames=0):
+        problem = ck.Heat(lambda x: x[:, 2], until=until, step=0.1, frames=frames)
+        return ck.solve(ck.Scene(ck.source("analytic.sphere"), problem), spacing=0.3)
+
+    run = heat(0.4, frames=4)
+    assert run.frames[3].time == pytest.approx(0.3)
+    assert run.frames[3].error.of("max") == pytest.approx(heat(0.3).error.of("max"), rel=1e-6)
+    with pytest.raises(ck.InputError, match="at the start"):
+        _ = run.frames[0].error

@@ -155,7 +155,7 @@ REACHED_GOAL_SPACINGS = 0.25
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints(Rows):
-    """Points of a surface with their normals, by which it is decided whether two of them are on one sheet."""
+    """Points of a surface with normals, by which a band decides which part of a boundary is on a point's sheet."""
 
     feet: ClosestPoints  #: The surface's records of the points.
     normals: Floats  #: (n, d): unit normals of the surface there.

@@ -101,7 +101,7 @@ def add_advection(
     weights: Floats,
     directions: Any,
     velocity: Floats,
-    upstream: Floats,
+    upwinding: Floats,
     a: Floats,
     gradient_of_a: Floats,
     c: Floats,
@@ -117,7 +117,7 @@ def add_advection(
         samples ``order[start[p]:start[p + 1]]``.
     ``spacing``, ``splines``: h, and the tuple of the degree in `SPLINES`.
     ``places``, ``weights``, ``directions`` (q, d), (q,), (q, c, e): those of `QuantisedSamples`.
-    ``velocity``, ``upstream`` (q, d), (q,): the tangential velocity v and the upwinding time tau at the samples.
+    ``velocity``, ``upwinding`` (q, d), (q,): the tangential velocity v and the upwinding time tau at the samples.
     ``a``, ``c`` (q,) or (1,): the diffusivity, and the factor of u.
     ``gradient_of_a`` (q, d) or (0, d): the gradient of the diffusivity, tangential; none where it is constant.
     ``matrix`` (indptr, indices, data): a matrix in CSR format, with the sparsity pattern of the space.
@@ -145,7 +145,7 @@ def add_advection(
             fill_advection_forms(forms, splines, kind, t, v, g, normals, spacing, own, factor)
             N, D, R = forms[:room], forms[room : 2 * room], forms[2 * room :]
             for i in range(width):
-                through = w * upstream[q] * D[i]
+                through = w * upwinding[q] * D[i]
                 forth, back = through + convective * w * N[i], conservative * w * D[i]
                 row = block[i * room : (i + 1) * room]
                 for j in range(room):
@@ -159,7 +159,7 @@ class Advection:
 
     space: SplineSpace  #: The splines and their samples.
     velocity: Floats  #: (q, d): the tangential part v of the velocity at the samples.
-    upstream: Floats  #: (q,): the upwinding time tau at the samples.
+    upwinding: Floats  #: (q,): the upwinding time tau at the samples.
     #: a, c (q,) or (1,): the diffusivity, and the factor of u in the tested equation, c + div v if it is conservative.
     a: Floats
     c: Floats
@@ -175,7 +175,7 @@ class Advection:
             data += stabilisation_data(space, more, stabilisation)
             add_ghosts(space, more, stabilisation, data)
         advection = (0.0, 1.0) if self.conservative else (1.0, 0.0)
-        _add_terms(space, self.velocity, self.upstream, data, advection, self.a, self.gradient_of_a, self.c)
+        _add_terms(space, self.velocity, self.upwinding, data, advection, self.a, self.gradient_of_a, self.c)
         return space.matrix(data)
 
     def upwinded_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
@@ -184,7 +184,7 @@ class Advection:
         The tau added on the first of them is h / (2 |v|) at any cell number, and it doubles from level to level.
         """
         data = np.zeros(len(self.space.indices))
-        times = upstream_times(np.linalg.norm(self.velocity, axis=1), np.zeros(1), self.space.dof_map.spacing)
+        times = upwinding_times(np.linalg.norm(self.velocity, axis=1), np.zeros(1), self.space.dof_map.spacing)
         _add_terms(self.space, self.velocity, share * times, data)
         added, upwinded = self.space.matrix(data), []
         for level in levels:
@@ -195,8 +195,8 @@ class Advection:
 
     def add_load(self, f: Floats, load: Floats) -> None:
         """Add the integrals of tau (v . grad phi) f to ``load`` (n, channels), in place; f (p, channels) at samples."""
-        if self.upstream.any():
-            field = self.upstream[: len(f), None] * self.velocity[: len(f)]
+        if self.upwinding.any():
+            field = self.upwinding[: len(f), None] * self.velocity[: len(f)]
             for channel in range(load.shape[1]):
                 load[:, channel] += gradient_load(self.space, f[:, [channel]] * field)
 
@@ -204,7 +204,7 @@ class Advection:
 def _add_terms(
     space: SplineSpace,
     velocity: Floats,
-    upstream: Floats,
+    upwinding: Floats,
     data: Floats,
     advection: tuple[float, float] = (0.0, 0.0),
     a: Floats | None = None,
@@ -216,7 +216,7 @@ def _add_terms(
     ``advection`` are the factors of the convective and the conservative terms.
     """
     samples, zero = space.samples, np.zeros(1)
-    sample_arrays = samples.places, samples.weights, samples.directions, velocity, upstream
+    sample_arrays = samples.places, samples.weights, samples.directions, velocity, upwinding
     coefficients = zero if a is None else a, velocity[:0] if gradient_of_a is None else gradient_of_a
     matrix = space.indptr, space.indices, data
     add_advection(*kernel_arguments(space), *sample_arrays, *coefficients, zero if c is None else c, *advection, matrix)
@@ -230,7 +230,7 @@ def convection_matrix(space: SplineSpace, field: Floats) -> SparseMatrix:
     return space.matrix(-data)
 
 
-def upstream_times(speed: Floats, a: Floats, spacing: float) -> Floats:
+def upwinding_times(speed: Floats, a: Floats, spacing: float) -> Floats:
     """Return the factor tau (q,) of streamline upwinding: h / |v| max(0, 1 - 1 / P) / sqrt(2^2 + (16 / P)^2).
 
     ``speed`` (q,) is |v|, ``a`` (q,) or (1,) the diffusivity, P = |v| h / a. tau is zero where the speed is, and where

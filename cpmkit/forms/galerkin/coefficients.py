@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.errors import InputError, place
 from cpmkit.forms.field import Field
 from cpmkit.forms.form_records import StateDependentCoefficient
-from cpmkit.forms.galerkin.advection import Advection, tangential_velocity, upstream_times
+from cpmkit.forms.galerkin.advection import Advection, tangential_velocity, upwinding_times
 from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.point_reading import PointReader
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
@@ -137,14 +137,14 @@ class SampleCoefficients(PointReader):
         rows, samples = slice(self.sampled.interior), self.sampled.samples
         points, normals = samples.points_at(rows), samples.normals_at(rows)
         v = tangential_velocity(terms.velocity, points, normals, self.sampled.lattice)
-        upstream = upstream_times(np.linalg.norm(v, axis=1), a[: len(v)], self.space.spacing)
+        upwinding = upwinding_times(np.linalg.norm(v, axis=1), a[: len(v)], self.space.spacing)
         gradient_of_a = v[:0]
-        if terms.conservative and upstream.any():
+        if terms.conservative and upwinding.any():
             c = c + self.append_zeros(np.trace(self._projected_gradients(v), axis1=1, axis2=2))
-        if len(a) > 1 and upstream.any():
+        if len(a) > 1 and upwinding.any():
             gradient_of_a = self.append_zeros(self._projected_gradients(a[: len(v), None])[:, 0])
-        v, upstream = self.append_zeros(v), self.append_zeros(upstream)
-        return Advection(self.space.splines, v, upstream, a, c, gradient_of_a, terms.conservative)
+        v, upwinding = self.append_zeros(v), self.append_zeros(upwinding)
+        return Advection(self.space.splines, v, upwinding, a, c, gradient_of_a, terms.conservative)
 
     def _projected_gradients(self, values: Floats) -> Floats:
         """Return tangential gradients (p, k, d) at the samples of the L2 projections of ``values`` (p, k)."""

@@ -160,9 +160,9 @@ class EquationAssembly:
     def mass_in_time(self) -> CsrOperator:
         """M + h^2 S with the upwinding of du/dt; M is the mass matrix, S the stabilisation."""
         matrix, advection = self.coefficients.space.projection_matrix, self.scene_advection
-        if advection is None or not advection.upstream.any():
+        if advection is None or not advection.upwinding.any():
             return CsrOperator(matrix, True)
-        upwinding = convection_matrix(advection.space, advection.upstream[:, None] * advection.velocity)
+        upwinding = convection_matrix(advection.space, advection.upwinding[:, None] * advection.velocity)
         return CsrOperator((matrix + upwinding).tocsr())
 
     def advection(self, field: StateDependentCoefficient) -> CsrOperator:
