@@ -95,7 +95,7 @@ class ConditionTerms:
 
     @property
     def for_laplacian(self) -> ConditionTerms:
-        """The conditions on Lap u: 0 or a support's ``laplacian`` where u is given; continuity at ties; else no flux."""
+        """The conditions on Lap u: 0 or a support's ``laplacian`` where u is given; ties continuous; else no flux."""
         conditions = [replace(condition, law=condition.law.of_laplacian) for condition in self.conditions]
         return replace(self, conditions=tuple(conditions))
 
