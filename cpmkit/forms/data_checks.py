@@ -247,16 +247,16 @@ def nugget(values: Floats, points: Floats, spacing: float) -> float:
 def _checked_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator[DataAtPoints]:
     """Yield f, c and the diffusivity, then data of conditions, each at some of the points where the form reads them."""
     terms, points = form.scene.problem.terms(), form.points
-    points = points[_rows_in_runs(len(points))]
+    points = points[_compared_rows(len(points))]
     yield DataAtPoints("the right-hand side f", terms.f, points)
     yield DataAtPoints("the factor c", terms.c, points)
     yield DataAtPoints("the diffusivity", terms.diffusivity, points)
     for condition in conditions:
-        yield condition._replace(points=condition.points[_rows_in_runs(len(condition.points))])
+        yield condition._replace(points=condition.points[_compared_rows(len(condition.points))])
 
 
-def _rows_in_runs(count: int) -> Any:
-    """Return the integers (k,) below ``count``, ascending; of more than 3,072 those of 24 spread runs of 128 each."""
+def _compared_rows(count: int) -> Any:
+    """Return the rows (k,), of ``count``, at which data are compared: all, or beyond 3,072 those of 24 spread runs."""
     if count <= RUNS * RUN_LENGTH:
         return np.arange(count)
     starts = np.linspace(0, count - RUN_LENGTH, RUNS).astype(np.int64)

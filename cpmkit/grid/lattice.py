@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -242,15 +243,18 @@ def suggest_spacing(surface: ClosestPointSource) -> float:
     return float(f"{trial * factor:.2g}")
 
 
-def check_band_memory(source: LocalSource, unknowns: float, spacing: float, degree: int, excess: float = 1.0) -> None:
+def check_band_memory(
+    source: LocalSource, unknowns: float, spacing: float, degree: int, excess: float = 1.0, channels: int = 1
+) -> None:
     """Raise ResolutionError if a band with so many ``unknowns`` does not fit into the memory of this process.
 
-    The message states a spacing of ``source`` that fits. ``degree`` is that of the interpolation, ``excess`` the factor
-    by which the memory may be exceeded: above 1 while ``unknowns`` is a rough estimate.
+    The message states a spacing of ``source`` that fits; finding it may raise as :func:`check_numbered`. ``degree`` is
+    that of the interpolation, ``channels`` the number of right-hand sides, ``excess`` the factor by which the memory
+    may be exceeded: above 1 while ``unknowns`` is a rough estimate.
     """
-    needed = unknowns * bytes_per_unknown(source.dim, degree)
+    needed = unknowns * bytes_per_unknown(source.dim, degree, channels=channels)
     if needed > excess * memory.memory_limit().bytes:
-        check_spacing_fits(needed, unknowns, spacing, lambda available: fitting_spacing(source, degree, available))
+        check_spacing_fits(needed, unknowns, spacing, partial(fitting_spacing, source, degree, channels=channels))
 
 
 def check_spacing_fits(
@@ -294,13 +298,15 @@ def bytes_per_unknown(
     return tables + 96 * channels
 
 
-def fitting_spacing(source: LocalSource, degree: int, available: int, solver: str = "reference") -> float:
+def fitting_spacing(
+    source: LocalSource, degree: int, available: int, solver: str = "reference", channels: int = 1
+) -> float:
     """Return a spacing, rounded up to two digits, at which a solve on a band fits into ``available`` bytes.
 
     A fifth of them is left unused. The result depends neither on the user's spacing nor on the lattice's origin.
-    ``degree`` and ``solver`` are as in :func:`bytes_per_unknown`.
+    ``degree``, ``solver`` and ``channels`` are as in :func:`bytes_per_unknown`. Raises as :func:`check_numbered`.
     """
-    unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / bytes_per_unknown(source.dim, degree, solver)
+    unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / bytes_per_unknown(source.dim, degree, solver, channels)
     return round_up((unknowns_at_unit_spacing(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
 
 

@@ -85,9 +85,10 @@ class ConstantFunctions:
     ) -> tuple[Any, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report whose residual is relative to ``b - A K c``.
 
-        It is relative to b where ``b - A K c`` is over half of it. Where rounding errors of b (n, channels) exceed
-        ``tolerance`` times the norm of ``b - A K c``, it is scaled so that ``tolerance`` corresponds to them. The
-        solver for A is ``prepared``, ``guess`` an initial u or None. Raises ConvergenceError as ``prepared.solve``.
+        c is the least squares solution of ``A K c = b`` in each component, but 0 where the rest, ``b - A K c``, is over
+        half of b. Where the rest is rounding, u is K c. Where rounding of b exceeds ``tolerance`` times the rest, the
+        system is solved only to that rounding, and the reported residual is multiplied by ``tolerance`` over the one
+        used. ``prepared`` solves for A from ``guess``, an initial u or None. Raises ConvergenceError as it does.
         """
         each, at = self.pieces, self.pieces.spread_to_rows
         # By powers of two, so that squares of b neither overflow nor vanish.

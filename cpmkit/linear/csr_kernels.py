@@ -36,7 +36,7 @@ def _row_product(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> fl
 
 
 @compiled
-def add_step(
+def momentum_step(
     start: int,
     stop: int,
     pointers: Any,

@@ -70,15 +70,17 @@ class UnsignedCsr:
         self.add_product(out, x)
         return out
 
-    def add_step(self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats) -> Floats:
-        """Return x + ``move``, after ``move`` is set to ``momentum move + factor D^-1 (b - A x)``, all (n, channels).
+    def momentum_step(
+        self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats
+    ) -> Floats:
+        """Return a new x, x plus the new ``move``, all (n, channels); the given x is unchanged.
 
-        ``move`` is changed in place. ``inverse`` (n,) is the diagonal of D^-1.
+        ``move`` is overwritten by ``momentum move + factor D^-1 (b - A x)``. ``inverse`` (n,) is the diagonal of D^-1.
         """
-        from cpmkit.linear.csr_kernels import add_step
+        from cpmkit.linear.csr_kernels import momentum_step
 
         out = np.empty_like(x)
-        self._run_on_parcels(add_step, x, b, inverse, momentum, factor, move, out)
+        self._run_on_parcels(momentum_step, x, b, inverse, momentum, factor, move, out)
         return out
 
     def add_product(self, fine: Floats, coarse: Floats) -> None:

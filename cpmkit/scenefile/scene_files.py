@@ -117,10 +117,11 @@ def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
 def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any]]:
     """Return the spacing and the further options of ``solve``, from the tables [discretization] and [solver].
 
-    The spacing is None if the table has none. Raises SceneError if a key or its value is not accepted.
+    The spacing is None if the table has none. Raises SceneError if a key or its value is not accepted, and for the
+    kind of a plugin's solver the errors of :func:`make_solver`.
     """
-    grid = current_keywords(as_table(tables.get("discretization", {}), "[discretization]"), RENAMED_OPTIONS)
     with naming_table("[discretization]"):
+        grid = current_keywords(as_table(tables.get("discretization", {}), "[discretization]"), RENAMED_OPTIONS)
         own, accepted = own_options(grid)
         check_accepted(
             "[discretization]", grid, (*declared_options(Options), *declared_options(AccuracyTarget), *accepted)
@@ -137,8 +138,8 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     if name in SOLVER_OPTIONS:  # a plugin's solver has keys of its own
         keys = (SOLVER_KEYS[option] for option in declared_options(SolverOptions))
         check_accepted("[solver]", solver, (*keys, *SOLVER_OPTIONS[name]))
-        with naming_table("[solver]"):
-            SolverOptions.from_keywords(renamed)
+    with naming_table("[solver]"):
+        SolverOptions.from_keywords(renamed)
     spacing = grid.pop("spacing", None)
     return spacing, {**grid, **renamed}
 

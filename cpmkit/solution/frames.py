@@ -7,25 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, ResolutionError
+from cpmkit.errors import InputError
 from cpmkit.forms.contract import integrals
-from cpmkit.runtime.memory import available_bytes
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
-
-
-def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
-    """Check before the first time step that the memory can hold the solutions (unknowns, channels) of all ``frames``.
-
-    ``frames`` is their number. Raises ResolutionError if it cannot, with the number of frames that fit.
-    """
-    frame_bytes, available = 2 * 8 * unknowns * channels, available_bytes()  # two copies while they are saved
-    if frames * frame_bytes > available:
-        raise ResolutionError(
-            f"{frames} frames of {unknowns} unknowns need {frames * frame_bytes / 2**30:.3g} GiB, and "
-            f"{available / 2**30:.3g} GiB are available; ask for {available // (2 * frame_bytes)} frames or less."
-        )
 
 
 @dataclass(frozen=True, eq=False)

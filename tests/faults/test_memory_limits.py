@@ -98,6 +98,20 @@ def test_solve_and_explain_name_the_same_spacing_and_it_fits(monkeypatch, spacin
     assert ck.explain(scene(), float(named.pop()), form=form, dry_run=True).bytes < 64 * 2**20
 
 
+@pytest.mark.parametrize("channels", [3, 10])
+def test_the_spacing_that_fits_holds_all_channels(monkeypatch, channels):
+    monkeypatch.setattr(memory, "memory_limit", lambda: memory.MemoryLimit(4 * 2**20, "this machine has"))
+    circle = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson([1.0] * channels))
+    options = {"form": "collocation", "degree": 3, "solver": "reference"}
+    named = set()
+    for dry_run in (False, True):
+        with pytest.raises(ck.ResolutionError) as error:
+            ck.explain(circle, 1e-5, dry_run=dry_run, **options)
+        named.add(str(error.value).partition("; spacing=")[2].split()[0])
+    assert len(named) == 1
+    assert ck.explain(circle, float(named.pop()), dry_run=True, **options).bytes < 4 * 2**20
+
+
 def test_the_spacing_that_fits_moves_and_scales_with_the_model():
     moved = {"center": [1e6, -1e6, 0]}
     at = [localize(ck.source("analytic.sphere", **keys), as_vector([0, 0, 0], 3, "")) for keys in ({}, moved)]

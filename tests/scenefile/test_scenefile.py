@@ -9,6 +9,8 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit import Dirichlet, Neumann
 from cpmkit.cli import main
+from cpmkit.runtime.deprecation import RenamedWarning
+from cpmkit.scenefile.scene_files import read_options
 
 GOOD = """
 [surface]
@@ -215,6 +217,18 @@ def test_a_wrong_scene_gets_one_sentence_and_nothing_is_written(name, tmp_path, 
     assert result.output.startswith("Error: ")
     assert re.search(message, result.output.replace("\n", " ")), result.output
     assert [entry.name for entry in tmp_path.iterdir()] == ["scene.toml"]
+
+
+def test_an_unknown_solver_is_refused_before_a_solve():
+    with pytest.raises(ck.SceneError, match=r"^\[solver\]: solver must be auto, .*, got 'foo'"):
+        read_options({"solver": {"kind": "foo", "bla": 3}})
+
+
+def test_a_key_under_its_old_and_new_name_names_its_table():
+    given = {"form": "galerkin", "strength": 1.0, "stabilisation": 1.0}
+    twice = r"^\[discretization\]: stabilisation is given twice"
+    with pytest.warns(RenamedWarning), pytest.raises(ck.SceneError, match=twice):
+        read_options({"discretization": given})
 
 
 def test_a_missing_scene(tmp_path):

@@ -164,6 +164,13 @@ class SlidingFoot(Circle):
         return replace(feet, distance=np.abs(np.hypot(*(np.asarray(x) - self.center).T) - 1.0))
 
 
+class FarSideOfTheDiagonals(Circle):
+    def nearest(self, x):
+        relative = x - self.center
+        on_diagonal = np.abs(relative[:, :1]) == np.abs(relative[:, 1:])
+        return self.center + directions(np.where(on_diagonal, -relative, relative))
+
+
 class CentreIsItsOwnFoot(Circle):
     def nearest(self, x):
         return np.where(np.hypot(*(x - self.center).T)[:, None] < 1e-6, x, super().nearest(x))
@@ -374,7 +381,7 @@ FAULTS = {
     "distance": [DistanceTooLarge, SquaredDistance],
     "nearest": [Farthest],
     "foot": [SlidingFoot],
-    "degenerate": [CentreIsItsOwnFoot, NaNAtTheCentre],
+    "degenerate": [CentreIsItsOwnFoot, NaNAtTheCentre, FarSideOfTheDiagonals],
     "bounds": [SmallBounds],
     "normals": [NormalsAlongTheCurve, NormalsTowardsTheQuery],
     "facet_normals": [LongFacetNormals, FacetNormalsUnknownInPart],

@@ -51,9 +51,10 @@ from cpmkit.families.evolution.semidiscrete import (
     schedule,
 )
 from cpmkit.forms.contract import Discretized, require_ability
+from cpmkit.runtime.memory import available_bytes
 from cpmkit.scene.compound_equations import ReactionDiffusion
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
-from cpmkit.solution.frames import EvolvedRecord, check_frames_fit
+from cpmkit.solution.frames import EvolvedRecord
 from cpmkit.types import Floats
 
 #: Damping of the shortest waves of the lattice by leapfrog, per time in which a wave crosses a spacing.
@@ -219,7 +220,7 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     if evolution.scheme in ("leapfrog", "newmark"):
         require_ability(form, "explicit steps" if evolution.scheme == "leapfrog" else "undamped steps")
     problem = build_semidiscrete(form, evolution)
-    check_frames_fit(len(evolution.frame_times), form.size, form.scene.channels)
+    _check_frames_fit(len(evolution.frame_times), form.size, form.scene.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times, evolution.t0)
     t0, rate, initial = evolution.t0, None, cast("Heat | ReactionDiffusion | Wave", evolution).initial
     if isinstance(evolution, Wave):
@@ -230,6 +231,19 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     built = time.perf_counter()
     state = _run_steps(context, plan, solver)
     return _solution_at_end(context, plan, state, solver.tally, built)
+
+
+def _check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
+    """Check before the first time step that the memory can hold the solutions (unknowns, channels) of all ``frames``.
+
+    ``frames`` is their number. Raises ResolutionError if it cannot, with the number of frames that fit.
+    """
+    frame_bytes, available = 2 * 8 * unknowns * channels, available_bytes()  # two copies while they are saved
+    if frames * frame_bytes > available:
+        raise ResolutionError(
+            f"{frames} frames of {unknowns} unknowns need {frames * frame_bytes / 2**30:.3g} GiB, and "
+            f"{available / 2**30:.3g} GiB are available; ask for {available // (2 * frame_bytes)} frames or less."
+        )
 
 
 def build_semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:

@@ -63,7 +63,7 @@ class CollocationCost(CostModel[CollocationOptions]):
 
     def fitting_spacing(self, solver: str, available: int) -> float:
         """Return a spacing, rounded to two digits, at which ``solver`` leaves about a fifth of ``available`` bytes."""
-        return fitting_spacing(self.surface, self.options.own.degree, available, solver)
+        return fitting_spacing(self.surface, self.options.own.degree, available, solver, self.scene.channels)
 
     def source_error(self) -> float:
         """Return the error that the surface states for its closest points, as a share of the solution's range."""
@@ -134,7 +134,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         levels = cell_levels(surface, lattice.spacing, base_offset(degree))
         side, blocks = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > DRY_RUN_CELLS)
         unknowns = estimated_node_count(blocks, side, surface.dim, surface.largest_dim, degree)
-        check_band_memory(surface, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
+        check_band_memory(surface, unknowns, spacing, degree, 1.0 if side == 1 else 4.0, self.scene.channels)
         return lattice.spacing * side
 
     def _explanation_parts(self, counts: Mapping[str, int], layout: Layout) -> list[Part]:

@@ -212,9 +212,10 @@ def flood_charts(
 
 @compiled
 def _rims_around(rims: Floats, normals: Floats, centre: Floats, normal: Floats, reach: float) -> Floats:
-    """Return the ends (k, 2, d), relative to ``centre`` (d,), of the ``rims`` (r, 2, d) that may hide cells.
+    """Return the ends (k, 2, d), relative to ``centre`` (d,), of ``rims`` (r, 2, d) that may hide cells from a chart.
 
-    Their first ends are within ``reach``, their ``normals`` (r, d) within 78 degrees of ``normal`` (d,).
+    The chart begins at ``centre``. The first ends are within ``reach``, their ``normals`` (r, d) within 78 degrees of
+    ``normal`` (d,).
     """
     near = np.empty_like(rims)
     count = 0

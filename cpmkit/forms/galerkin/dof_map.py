@@ -73,9 +73,9 @@ class DofMap:
         return np.asarray(self.spacing * (self.nodes - 0.5 * (self.degree % 2)))
 
     def magnify(self, _patch: Ints, points: Floats) -> Floats:
-        """Return ``points`` (k, d), each in a given patch (k,), on the lattice that the cells belong to.
+        """Return ``points`` (..., d) in given patches (...), shifted and enlarged as the level of their patch.
 
-        These are the points themselves, except in dof maps of several levels.
+        Cells of all levels then have the side :attr:`spacing`. One level leaves points unchanged; shapes broadcast.
         """
         return points
 

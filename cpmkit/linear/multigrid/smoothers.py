@@ -63,7 +63,7 @@ class Chebyshev:
         x = move.copy()
         for _ in range(2):
             after = 1 / (2 * centre / radius - rho)
-            x = self.matrix.add_step(x, b, self.inverse, after * rho, 2 * after / radius, move)
+            x = self.matrix.momentum_step(x, b, self.inverse, after * rho, 2 * after / radius, move)
             rho = after
         return x, self.matrix.residual(x, b)
 

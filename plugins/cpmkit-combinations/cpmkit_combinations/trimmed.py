@@ -285,10 +285,12 @@ def descend_to_foot(of: ClosestPointSource, x: Floats, start: Floats, reach: flo
     """Return points y of ``of`` near ``start`` with x - y normal to it, and a mask (n,) of the converged ones.
 
     ``x`` (n, d) are queries, ``start`` (n, d) points of the manifold ``of``, ``reach`` is the greatest length of the
-    first step; a later one is at most about twice its predecessor. Each step replaces y by the closest point of the
-    probe y + share (x - y), which is y itself if x - y is normal, and else nearer to x: a tangential error shrinks by
-    (1 - share) / (1 - share |x - y| k), k the curvature towards x. If another part of the manifold is nearer to the
-    probe, y jumps or the distance grows: then the share is halved.
+    first step. Each step replaces y by the closest point of the probe y + share (x - y), which is y itself if x - y is
+    normal, and else nearer to x: a tangential error shrinks by (1 - share) / (1 - share |x - y| k), k the curvature
+    towards x. Of three steps the third starts ahead of y, by the geometric series of the shrinking steps; it may be up
+    to 40 times as long as its predecessor, others at most twice. A longer step, or one that increases the distance, may
+    lead to another part of the manifold: it is rejected. If it is the first, or follows an extrapolated one, the share
+    is halved.
     """
     y, distance, step = start.copy(), norms(x - start), np.zeros_like(x)
     share, most, longest = (np.full(len(x), value) for value in (FIRST_PROBE_SHARE, LONGEST_PROBE_SHARE, reach))

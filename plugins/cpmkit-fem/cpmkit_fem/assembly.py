@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.plugin import Floats, Ints
-from cpmkit_fem.elements import NODES, Shape, quadrature
+from cpmkit_fem.elements import NODES, Shape, basis_at_quadrature
 from cpmkit_fem.surface_mapping import jacobians, measure_and_pseudoinverse
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ def stiffness_and_mass(
     """
     dim = next(k for k in (2, 1) if NODES[k, degree] == faces.shape[1])
     return (
-        _assemble(vertices, faces, _basis_at_quadrature(dim, degree, diffusivity), diffusivity, True),
-        _assemble(vertices, faces, _basis_at_quadrature(dim, degree, density), density, False),
+        _assemble(vertices, faces, _basis_for_products(dim, degree, diffusivity), diffusivity, True),
+        _assemble(vertices, faces, _basis_for_products(dim, degree, density), density, False),
     )
 
 
@@ -56,7 +56,7 @@ def weighted_mass(vertices: Floats, cells: Ints, weight: Floats, manifold_dim: i
 
     ``weight`` (v,) is w at the nodes ``vertices`` (v, d), a polynomial of ``degree`` in each cell.
     """
-    return _assemble(vertices, cells, _basis_at_quadrature(manifold_dim, degree, weight), weight, False)
+    return _assemble(vertices, cells, _basis_for_products(manifold_dim, degree, weight), weight, False)
 
 
 def lump_mass(mass: csr_array) -> csr_array:
@@ -66,9 +66,9 @@ def lump_mass(mass: csr_array) -> csr_array:
     return diags_array(np.asarray(mass.sum(axis=1)).ravel()).tocsr()
 
 
-def _basis_at_quadrature(manifold_dim: int, degree: int, weight: Floats | None) -> Shape:
+def _basis_for_products(manifold_dim: int, degree: int, weight: Floats | None) -> Shape:
     """Return the basis functions at points that integrate products of two exactly, with a ``weight`` of three."""
-    return quadrature(manifold_dim, degree, degree * (PRODUCTS + (weight is not None)))
+    return basis_at_quadrature(manifold_dim, degree, degree * (PRODUCTS + (weight is not None)))
 
 
 def _assemble(vertices: Floats, cells: Ints, shape: Shape, weight: Floats | None, slopes: bool) -> csr_array:

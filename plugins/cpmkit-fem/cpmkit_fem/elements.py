@@ -42,7 +42,7 @@ class Shape:
 
 
 @lru_cache(maxsize=16)
-def quadrature(manifold_dim: int, degree: int, order: int) -> Shape:
+def basis_at_quadrature(manifold_dim: int, degree: int, order: int) -> Shape:
     """Return the basis functions at quadrature points that are exact for polynomials up to ``order``.
 
     ``degree`` is that of the functions, 1 or 2. The record is cached: do not change its arrays.

@@ -21,9 +21,10 @@ UNSUPPORTED_AREA_SHARE = 0.05
 def tilt_normals_at_unsupported_edges(mesh: OrientedTriangleMesh) -> Floats:
     """Return (m, 3, 3) unit normals at corners, tilted least so that they are orthogonal to unsupported edges.
 
-    An edge is unsupported where the mesh beyond it does not turn as the vertex normals say. The corners of a flat face
-    beside a fillet then have the face's normal. Where the unsupported edges at a vertex have about one direction, the
-    normal is tilted in that direction alone.
+    They are orthogonal in the least squares sense. An edge is unsupported (:class:`EdgeSupport`) if the surface beyond
+    its ends bends much more, over a much shorter length. The corners of a flat face beside a fillet then have the
+    face's normal. Where the unsupported edges at a vertex have about one direction, the normal is tilted in that
+    direction alone.
     """
     ends, unsupported, _ = _unsupported_edges(mesh)
     ends = ends[unsupported]

@@ -73,12 +73,15 @@ def draw(
     Returns
     -------
     Solution
-        With three channels.
+        Three channels: red, green and blue, from 0 to 1, as functions of points in the drawing's unit, y upwards.
 
     Raises
     ------
     InputError
-        If the file cannot be read, no curve on the canvas has a colour, or an argument is not accepted.
+        If the SVG file cannot be read, no curve on the canvas has a colour, an argument is not accepted, or the PNG
+        file cannot be written.
+    ResolutionError, ConvergenceError
+        As :func:`cpmkit.solve`.
     """
     if Path(png).suffix.lower() != ".png":
         raise InputError(f"A picture must be a .png file, got {shown(Path(png).name)}.")

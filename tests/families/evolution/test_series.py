@@ -47,7 +47,7 @@ def test_frames_are_the_solutions_of_shorter_runs():
 
 
 def test_more_frames_than_fit_the_memory_are_refused_before_the_first_step(monkeypatch):
-    monkeypatch.setattr("cpmkit.solution.frames.available_bytes", lambda: 1_000_000)
+    monkeypatch.setattr("cpmkit.families.evolution.stepping.available_bytes", lambda: 1_000_000)
     steps = []
     with pytest.raises(ck.ResolutionError, match=r"1001 frames of \d+ unknowns need .* GiB are available; ask for \d+"):
         ck.solve(scene(heat(frames=1000)), 0.1, progress=lambda stage, share: steps.append(stage))
