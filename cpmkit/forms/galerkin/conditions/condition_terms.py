@@ -21,8 +21,6 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     join_values,
 )
 from cpmkit.forms.galerkin.conditions.nitsche import (
-    NITSCHE_PENALTY,
-    VOID_PENALTY,
     interface_products,
     linear_form_rows,
     one_sided_products,
@@ -32,7 +30,6 @@ from cpmkit.forms.galerkin.conditions.nitsche import (
     tie_upwinding,
 )
 from cpmkit.grid.lattice import Lattice
-from cpmkit.meshing.creases import VOID_OWNER
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at
 from cpmkit.types import SIDES, Bools, Floats, Ints
@@ -210,8 +207,7 @@ class ConditionTerms:
         for each in conditions:
             rows = np.stack(each.sides, axis=1)
             weights = self.samples.weights[each.rows]
-            penalty = np.where(self.samples.owner[each.rows] == VOID_OWNER, VOID_PENALTY, NITSCHE_PENALTY)
-            products = tie_products(self.a[rows], self.widths[rows], weights, penalty)
+            products = tie_products(self.a[rows], self.widths[rows], weights)
             matrix += symmetric_sum([(self._forms(x, *each.sides), self._forms(y, *each.sides)) for x, y in products])
             if self.outward_speed is not None:
                 for tested, value in tie_upwinding(self.outward_speed[rows], weights):

@@ -61,9 +61,6 @@ if TYPE_CHECKING:
 #: change by -15 to 1 percent, and iterations do not; from 80 on errors beside tips grow, and to 400 those at ties by a
 #: third.
 NITSCHE_PENALTY = 60.0
-#: The same at ties between charts at voids, whose sectors are small: with 60, 6 of 288 matrices of plates with slots,
-#: necks and holes have negative eigenvalues, with 90 none. At U-turns it would add up to 12 percent to the errors.
-VOID_PENALTY = 120.0
 #: The dimensionless penalty B between two sides.
 COUPLING_PENALTY = 40.0
 
@@ -117,14 +114,14 @@ def interface_products(
     return [(jump, with_jump), (flux, with_flux)], [by_jump, by_flux]
 
 
-def tie_products(a: Floats, widths: Floats, weights: Floats, penalty: Floats) -> list[tuple[Floats, Floats]]:
+def tie_products(a: Floats, widths: Floats, weights: Floats) -> list[tuple[Floats, Floats]]:
     """Return the products that a tie of m lips adds to the matrix, of forms (k, m, 2); transposed ones are added too.
 
     ``a``, ``widths`` (k, m): the diffusivity and the local width at each lip.
-    ``weights``, ``penalty`` (k,): the weights s of the samples, and the penalty B there.
+    ``weights`` (k,): the weights s of the samples.
     """
     lips = a.shape[1]
-    g = penalty[:, None] * a / widths
+    g = NITSCHE_PENALTY * a / widths
     share = g / g.sum(axis=1, keepdims=True)
     total_flux = np.stack([np.zeros_like(a), a], axis=-1)
     products = [(total_flux, (-0.5 * weights / g.sum(axis=1))[:, None, None] * total_flux)]
