@@ -35,16 +35,17 @@ LEAST_CHAIN_SPACINGS = 2.0
 SLIVER_SPACINGS = 0.02
 
 
-def crease_facets(mesh: Mesh, spacing: float) -> Ints:
+def crease_facets(mesh: Mesh, spacing: float, creased: Bools | None = None) -> Ints:
     """Return the facets (c, k - 1), by their vertices, of a mesh at creases and junctions that lie on no boundary.
 
     A junction is a facet of three cells or more. Short open chains and borders of small parts are left out. ``spacing``
-    is h.
+    is h; ``creased`` (f,) are the facets at creases, by default those that turn by more than ``CREASE_DEGREES``.
     """
     numbers, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
     junction = np.bincount(numbers.ravel(), minlength=count) > 2
-    crease = turning_facets(mesh, CREASE_DEGREES, SLIVER_SPACINGS * spacing)
-    crease &= ~junction
+    if creased is None:
+        creased = turning_facets(mesh, CREASE_DEGREES, SLIVER_SPACINGS * spacing)
+    crease = creased & ~junction
     if not (junction.any() or crease.any()):
         return np.zeros((0, mesh.manifold_dim), dtype=np.int64)
     if mesh.manifold_dim == 1:

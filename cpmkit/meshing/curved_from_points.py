@@ -15,7 +15,7 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.adjacency import Rim, rim_of_edges, rim_of_vertices
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes
-from cpmkit.meshing.sharp_creases import creased_edges, sharpen_midpoints, sharpen_vertices
+from cpmkit.meshing.sharp_creases import sharpen_midpoints, sharpen_vertices
 from cpmkit.meshing.untangling import flip_chords, remove_double_boundary_edges, untangle_midpoints, untangle_vertices
 from cpmkit.types import Bools, Floats, Ints
 
@@ -42,9 +42,9 @@ def curve_cells_by_closest_points(
     if mesh.manifold_dim == 1:
         mesh = mesh if spacing is None else split_at_knot_planes(mesh, spacing, source)
         return add_midpoints(mesh, source, boundaries)
-    if not creased_edges(mesh).any():
-        return add_midpoints(mesh, source, boundaries)
-    return sharpen_midpoints(add_midpoints(sharpen_vertices(mesh, source), source, boundaries), source)
+    sharp = sharpen_vertices(mesh, source)
+    curved = add_midpoints(sharp, source, boundaries)
+    return curved if sharp is mesh else sharpen_midpoints(curved, source)
 
 
 def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:

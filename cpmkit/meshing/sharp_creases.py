@@ -6,32 +6,40 @@ error of first order. Here each node moves to the common point of planes that to
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cpmkit.manifold.abilities import HasValues
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.adjacency import rim_of_vertices
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.subdivision import halve_edges
+from cpmkit.meshing.contour_edges import collapse_edges, double_areas, shortest_at_both_ends
 from cpmkit.meshing.creases import CREASE_DEGREES, inward_directions, turning_facets
-from cpmkit.meshing.untangling import flip_third_edges
 from cpmkit.types import Bools, Floats, Ints
 
 #: Planes touch the faces at these shares of an edge's length from the node, one after the other: the error of a plane
 #: on a curved face is proportional to the square.
-PLANE_SHARES = (0.25, 0.03, 0.004)
+PLANE_SHARES = (0.5, 0.2, 0.08, 0.03, 0.012, 0.005)
 #: Normals are taken at this share of that distance above a face, and from no closer than so many times the noise.
 HEIGHT_SHARE, NOISE_FACTOR = 0.1, 30.0
-#: Planes whose normals, of length one, have a smaller share of the largest singular value define no further direction:
-#: two planes at 11 degrees.
-LEAST_SINGULAR_SHARE = 0.1
-#: A node moves by at most this share of an edge, and to where the manifold is nearer than the second share.
-FARTHEST_SHARE, ON_MANIFOLD_SHARE = 0.3, 1e-4
+#: The least turn, in degrees, of a crease of exact closest points: beside it planes touch both faces a hundredth of an
+#: edge apart, where a smooth surface hardly turns.
+LEAST_CREASE_DEGREES = 6.0
+#: Planes whose normals, of length one, have a smaller share of the largest singular value define no further direction.
+LEAST_SINGULAR_SHARE = float(np.tan(np.radians(LEAST_CREASE_DEGREES / 2)))
+#: A node moves by at most an edge's length, and to where the manifold is nearer than this share of it.
+ON_MANIFOLD_SHARE = 1e-4
+#: The middle of an edge along a crease that turns slightly is nearer to the crease than this share of the edge.
+MIDDLE_SHARE = 0.1
+#: Edges at creases that are shorter than this share of the longest of their triangle are collapsed.
+SHORT_SHARE = 0.2
 #: A triangle whose height over its longest edge is a smaller share of it is a sliver.
 SLIVER_SHARE = 0.1
-#: Rounds of flips, since a triangle takes part in one flip a round.
-FLIP_ROUNDS = 3
+#: Rounds of moves, collapses and halvings, since each treats the result of the round before.
+SHARPENING_ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,42 +51,124 @@ class Faces:
     normals: Floats  #: (f, d): unit normals of the triangles.
     lengths: Floats  #: (f,): lengths of the edges there.
 
+    @staticmethod
+    def of_sides(nodes: Ints, across: Floats, normals: Floats, lengths: Floats) -> Faces:
+        """Return two faces at each of ``nodes`` (n,), in the direction ``across`` (n, 3) and in the opposite one."""
+        both = np.concatenate([across, -across])
+        return Faces(np.tile(nodes, 2), both, np.tile(normals, (2, 1)), np.tile(lengths, 2))
 
-def creased_edges(mesh: Mesh) -> Bools:
-    """Return whether (e,) edges off boundaries turn by over ``CREASE_DEGREES``, or have three triangles or more."""
-    creased = turning_facets(mesh, CREASE_DEGREES)
+
+def creased_edges(mesh: Mesh, source: LocalSource, sliver: float = 0.0, farthest: float = MIDDLE_SHARE) -> Bools:
+    """Return whether (e,) edges of triangles, outside boundaries, lie at creases or have three triangles or more.
+
+    Where triangles turn by less, planes that touch the manifold tell creases from curvature; the middle of the edge is
+    nearer to the crease than the share ``farthest`` of it. For ``sliver`` see :func:`turning_facets`.
+    """
+    creased = turning_facets(mesh, CREASE_DEGREES, sliver)
+    if source.slight_creases:
+        slight = turning_facets(mesh, LEAST_CREASE_DEGREES, sliver) & ~creased
+        if slight.any() and shows_slight_creases(source, mesh.edge_lengths[slight]):
+            middles = mesh.vertices[mesh.edges.ends].mean(axis=1)
+            creased |= points_on_creases(source, middles, _faces_at(mesh, slight), farthest)[1]
     creased[mesh.cut_edges] = False
     return creased
+
+
+def shows_slight_creases(source: LocalSource, lengths: Floats) -> bool:
+    """Return whether closest points tell creases of `LEAST_CREASE_DEGREES` from curvature over edges of ``lengths``.
+
+    A mesh that stands for a smooth surface has such creases between its cells.
+    """
+    has_facets = any(isinstance(member.source, HasValues) for member in source.members)
+    return _is_exact(source, PLANE_SHARES[-1], lengths) and not has_facets
+
+
+def _is_exact(source: LocalSource, share: float, lengths: Floats) -> bool:
+    """Return whether closest points are exact enough for normals at a ``share`` of edges of ``lengths`` (n,)."""
+    return HEIGHT_SHARE * share * float(lengths.min(initial=np.inf)) >= NOISE_FACTOR * source.noise
 
 
 def sharpen_vertices(mesh: Mesh, source: LocalSource) -> Mesh:
     """Return the mesh with the vertices of creased edges on creases, unless they are on a rim or boundary, or far off.
 
-    Of slivers with all corners on creases the longest edges are flipped, so that each triangle lies on one face.
+    Edges that a crease crosses between other vertices are halved on it, and short edges beside creases are collapsed.
     """
-    fixed = np.zeros(len(mesh.vertices), dtype=bool)
-    fixed[mesh.cut], fixed[rim_of_vertices(mesh).rows] = True, True
-    for _ in range(FLIP_ROUNDS):
-        creased = creased_edges(mesh)
+    on_crease = np.zeros(len(mesh.vertices), dtype=bool)
+    for _ in range(SHARPENING_ROUNDS):
+        creased = creased_edges(mesh, source, farthest=1.0)  # vertices are not on it yet
         if not creased.any():
             break
         faces = _faces_at(mesh, creased)
         ends = mesh.edges.ends[faces.node]
         both = (np.concatenate([of, of]) for of in (faces.inward, faces.normals, faces.lengths))
-        vertices, on_crease = points_on_creases(source, mesh.vertices, Faces(ends.T.ravel(), *both))
-        mesh = mesh.with_same_cells(vertices=np.where(fixed[:, None], mesh.vertices, vertices))
+        vertices, found = points_on_creases(source, mesh.vertices, Faces(ends.T.ravel(), *both))
+        on_crease |= found
+        vertices = np.where(_are_fixed(mesh)[:, None], mesh.vertices, vertices)
+        mesh, cells = mesh.with_same_cells(vertices=vertices), mesh.cells
         if not on_crease.any():
             break
-        slivers = np.flatnonzero(on_crease[mesh.cells].all(axis=1))
-        mesh = flip_third_edges(mesh, slivers, mesh.lengths_of_cells[slivers].argmax(axis=1))
+        at_crease = on_crease.copy()
+        at_crease[ends] = True
+        mesh = _halve_crossing_edges(_without_short_edges(mesh, at_crease), source, on_crease)
+        on_crease = np.concatenate([on_crease, np.ones(len(mesh.vertices) - len(on_crease), dtype=bool)])
+        if mesh.cells is cells:
+            break
     return mesh
+
+
+def _are_fixed(mesh: Mesh) -> Bools:
+    """Return whether (v,) each vertex is on a rim or boundary."""
+    fixed = np.zeros(len(mesh.vertices), dtype=bool)
+    fixed[mesh.cut], fixed[rim_of_vertices(mesh).rows] = True, True
+    return fixed
+
+
+def _without_short_edges(mesh: Mesh, at_crease: Bools) -> Mesh:
+    """Return the mesh with edges collapsed that are short beside others of their triangle, to an end ``at_crease``.
+
+    ``at_crease`` (v,) are vertices on creases and of creased edges. Those on rims and boundaries do not move.
+    """
+    ends, of_cells, lengths, fixed = mesh.edges.ends, mesh.edges.of_cells, mesh.lengths_of_cells, _are_fixed(mesh)
+    longest = lengths.max(axis=1, keepdims=True)
+    short = lengths < SHORT_SHARE * longest
+    on = np.flatnonzero(at_crease[mesh.cells].all(axis=1))
+    thin = on[double_areas(mesh.vertices, mesh.cells[on]) < SLIVER_SHARE * longest[on, 0] ** 2]
+    short[thin, lengths[thin].argmin(axis=1)] = True
+    rows = np.unique(of_cells[short])
+    stays = at_crease.astype(int) + 2 * fixed
+    pairs = np.take_along_axis(ends[rows], np.argsort(-stays[ends[rows]], axis=1, kind="stable"), axis=1)
+    chosen = np.flatnonzero(at_crease[pairs[:, 0]] & ~fixed[pairs[:, 1]])
+    if not len(chosen):
+        return mesh
+    chosen = chosen[shortest_at_both_ends(pairs[chosen], mesh.edge_lengths[rows[chosen]], len(mesh.vertices))]
+    return replace(mesh, cells=collapse_edges(mesh.cells, pairs[chosen], len(mesh.vertices)))
+
+
+def _halve_crossing_edges(mesh: Mesh, source: LocalSource, on_crease: Bools) -> Mesh:
+    """Return the mesh with edges inside it halved where creases cross them, opposite to vertices ``on_crease`` (v,)."""
+    edges = mesh.edges
+    opposite = np.zeros(len(edges.ends), dtype=bool)
+    opposite[edges.of_cells[on_crease[mesh.cells]]] = True
+    opposite[mesh.cut_edges] = opposite[mesh.connectivity.on_rim] = False
+    rows = np.flatnonzero(opposite & ~on_crease[edges.ends].any(axis=1))
+    a, b = mesh.vertices[edges.ends[rows]].transpose(1, 0, 2)
+    cell = np.zeros(len(edges.ends), dtype=np.int64)
+    cell[edges.of_cells] = np.arange(len(mesh.cells))[:, None]
+    p, q, r = mesh.vertices[mesh.cells[cell[rows]]].transpose(1, 0, 2)
+    faces = Faces.of_sides(np.arange(len(rows)), unit(b - a), unit(np.cross(q - p, r - p)), norms(b - a))
+    points, crossed = points_on_creases(source, 0.5 * (a + b), faces)
+    if not crossed.any():
+        return mesh
+    middle = np.full(len(edges.ends), -1)
+    middle[rows[crossed]] = len(mesh.vertices) + np.arange(crossed.sum())
+    return halve_edges(mesh, middle, points[crossed])
 
 
 def sharpen_midpoints(mesh: Mesh, source: LocalSource) -> Mesh:
     """Return the mesh with the midpoints of creased edges on creases."""
     assert mesh.midpoints is not None
     flat = mesh.with_same_cells(midpoints=None)
-    creased = creased_edges(flat)
+    creased = creased_edges(flat, source)
     if not creased.any():
         return mesh
     of_cells = mesh.edges.of_cells
@@ -110,36 +200,41 @@ def _faces_at(mesh: Mesh, creased: Bools) -> Faces:
     return Faces(edge[kept], inward[kept], unit(normals[kept]), mesh.edge_lengths[edge[kept]])
 
 
-def points_on_creases(source: LocalSource, points: Floats, faces: Faces) -> tuple[Floats, Bools]:
+def points_on_creases(source: LocalSource, points: Floats, faces: Faces, farthest: float = 1.0) -> tuple[Floats, Bools]:
     """Return ``points`` (n, d) with the nodes of ``faces`` moved onto creases, and whether (n,) each is on one.
 
-    Other nodes, those at smooth places and those that would move far (``FARTHEST_SHARE``) stay. A node x moves by
+    Other nodes, and those at smooth places or farther than a share ``farthest`` of an edge, stay. A node x moves by
     the shortest vector that takes it onto the planes through feet p on the faces with normals n, ``n . (x - p) = 0``,
-    in the sense of least squares, for planes ever nearer to it.
+    in the sense of least squares, for planes ever nearer to it. Where the turn of the normals, extrapolated from the
+    last two distances to zero, is too small, the manifold is curved and has no crease.
     """
     nodes, node, times = np.unique(faces.node, return_inverse=True, return_counts=True)
     start, dim = points[nodes], points.shape[1]
-    x, length, rank = start.copy(), np.zeros(len(nodes)), np.zeros(len(nodes), dtype=np.int64)
+    x, length = start.copy(), np.zeros(len(nodes))
     np.maximum.at(length, node, faces.lengths)
+    several = (times > 1) & _is_exact(source, PLANE_SHARES[0], faces.lengths)  # whether planes differ in direction
+    before: tuple[Floats, float] | None = None
     for share in PLANE_SHARES:
-        step = share * faces.lengths[:, None]
-        if HEIGHT_SHARE * float(step.min(initial=np.inf)) < NOISE_FACTOR * source.noise:
+        rows = np.flatnonzero(several[node])
+        step, of = share * faces.lengths[rows, None], node[rows]
+        if not len(rows) or not _is_exact(source, share, faces.lengths):
             break
-        feet = source.closest_point(x[node] + step * faces.inward).points
-        above = feet + HEIGHT_SHARE * step * faces.normals
+        feet = source.closest_point(x[of] + step * faces.inward[rows]).points
+        above = feet + HEIGHT_SHARE * step * faces.normals[rows]
         n = unit(above - source.closest_point(above).points)
-        distance = dots(n, feet - x[node])
+        distance = dots(n, feet - x[of])
         products = [n[:, i] * value for i in range(dim) for value in (*n.T, distance)]
-        sums = np.stack([np.bincount(node, each, len(nodes)) for each in products], axis=1)
+        sums = np.stack([np.bincount(of, each, len(nodes)) for each in products], axis=1)
         sums = sums.reshape(len(nodes), dim, dim + 1)
         values, vectors = np.linalg.eigh(sums[:, :, :dim])
         large = values > LEAST_SINGULAR_SHARE**2 * values[:, -1:]
         inverse = np.where(large, 1 / np.where(large, values, 1.0), 0.0)
         x += np.einsum("nij,nj,nkj,nk->ni", vectors, inverse, vectors, sums[:, :, dim])
-        rank = large.sum(axis=1)
-        if not (rank > 1).any():
-            break
-    found = np.flatnonzero((times > 1) & (rank > 1) & (norms(x - start) < FARTHEST_SHARE * length))
+        turn = np.sqrt(np.maximum(values[:, -2], 0.0) / np.where(several, values[:, -1], 1.0))  # tangent of its half
+        limit = turn if before is None else (turn * before[1] - before[0] * share) / (before[1] - share)
+        several &= limit > LEAST_SINGULAR_SHARE
+        before = turn, share
+    found = np.flatnonzero(several & (norms(x - start) < farthest * length))
     found = found[source.closest_point(x[found]).distance < ON_MANIFOLD_SHARE * length[found]]
     moved, on_crease = points.copy(), np.zeros(len(points), dtype=bool)
     moved[nodes[found]], on_crease[nodes[found]] = x[found], True

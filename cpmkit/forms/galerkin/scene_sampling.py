@@ -41,7 +41,7 @@ from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
-from cpmkit.meshing.creases import CREASE_OWNER, FOLD_OWNER, VOID_OWNER, crease_facets, with_ties
+from cpmkit.meshing.creases import CREASE_OWNER, FOLD_OWNER, SLIVER_SPACINGS, VOID_OWNER, crease_facets, with_ties
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.insertion.boundary_insertion import Insertion, insert_boundaries
 from cpmkit.meshing.mesh_cache import repair_source_mesh
@@ -54,6 +54,7 @@ from cpmkit.meshing.mesh_warnings import (
     seam_warnings,
     tracing_warnings,
 )
+from cpmkit.meshing.sharp_creases import creased_edges
 from cpmkit.meshing.source_cells import source_cells
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import same_condition
@@ -171,7 +172,8 @@ def sample_inserted(
     mesh = curve_cells(mesh, geometry, surface, inserted.sources, spacing)
     is_uncut = geometry != "closest_point" and not len(mesh.cut)  # repaired cells have distinct vertices
     of_boundaries = mesh.cells if is_uncut else cut_corners(mesh)
-    cut, corners = _with_ties(mesh, of_boundaries, spacing, options.own.degree)
+    creased = creased_edges(mesh, surface, SLIVER_SPACINGS * spacing) if surface.slight_creases else None
+    cut, corners = _with_ties(mesh, of_boundaries, spacing, options.own.degree, creased)
     half, winding = half_facets(cut), mesh.winding
     warnings += tuple(neck_warnings(mesh, lattice, regions))
     warnings += tuple(seam_warnings(seam_midpoints(mesh, half), surface, geometry))
@@ -213,12 +215,12 @@ def sample_inserted(
     )
 
 
-def _with_ties(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tuple[Mesh, Ints]:
+def _with_ties(mesh: Mesh, corners: Ints, spacing: float, degree: int, creased: Bools | None) -> tuple[Mesh, Ints]:
     """Return a mesh cut at creases, junctions and between charts too, and the vertices (m, k) of its cells then.
 
-    ``corners`` (m, k) are those of the mesh cut along boundaries, ``degree`` is that of the splines.
+    ``corners`` (m, k): those of the mesh cut along boundaries. For ``creased`` (f,) see :func:`crease_facets`.
     """
-    creases = crease_facets(mesh, spacing)
+    creases = crease_facets(mesh, spacing, creased)
     if len(creases):
         mesh = with_ties(mesh, creases, CREASE_OWNER)
         corners = cut_corners(mesh)
@@ -235,7 +237,7 @@ def _repaired_cells(
     """Return the manifold, its own mesh repaired or else a contoured one, the geometry of the cells, and warnings.
 
     ``sampling`` is the option of :class:`GalerkinOptions`, by which the longest edges are chosen. A manifold that is
-    known by closest points alone is returned with the measured noise of its closest points.
+    known by closest points alone is returned with their measured noise, and whether it has slight creases.
     """
     lengths = longest_edge(sampling, "closest_point", surface.manifold_dim or 0), PLAIN_EDGE_SPACINGS
     source_mesh = source_cells(surface, *(spacing * length for length in lengths))
@@ -249,6 +251,7 @@ def _repaired_cells(
         contouring = tracing_warnings(trace_defects, surface)
     else:
         mesh, surface_report = contour_surface(surface, spacing)
+        surface = replace(surface, slight_creases=surface_report.slight_creases)
         contouring = contouring_warnings(surface_report, surface)
     return surface, mesh, "closest_point", warnings + replace_spacing_advice(contouring, surface, spacing)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots, norms
-from cpmkit.meshing.contouring.contour_edges import components_with_areas, edge_table, halve_edges, open_edges
+from cpmkit.meshing.contour_edges import components_with_areas, edge_table, halve_edges, open_edges
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes
 from cpmkit.meshing.contouring.contour_repair import crowded_edges
 from cpmkit.meshing.contouring.contour_rims import RimTest, edges_on_rim

@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
-from cpmkit.meshing.contouring.contour_edges import (
+from cpmkit.meshing.contour_edges import (
     EdgeTable,
     collapse_edges,
     double_areas,

@@ -10,8 +10,8 @@ from cpmkit.errors import ResolutionError
 from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.meshing.contour_edges import components_with_areas, edge_table, remove_small_components
 from cpmkit.meshing.contouring.contour_checks import COMPONENT_WEIGHT, MeshDefects, find_defects, restore_creases
-from cpmkit.meshing.contouring.contour_edges import components_with_areas, edge_table, remove_small_components
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes, lattice_nodes
 from cpmkit.meshing.contouring.contour_repair import collapse_short_edges, fill_holes, remove_flaps, separate_sheets
 from cpmkit.meshing.contouring.contour_rims import RimTest, move_to_rims, remove_bridges, remove_folds, weld_rim_corners
@@ -43,6 +43,7 @@ class SurfaceReport:
     defects: MeshDefects  #: Defects that are left after repair.
     missed: Floats  #: (k, 3): points of the surface far from all triangles: components too small for the lattice.
     isolated_components: int = 0  #: Components of hardly any area that were left out.
+    slight_creases: bool = False  #: Whether there are creases that turn by less than those of meshes.
 
     @property
     def severity(self) -> int:
@@ -83,7 +84,7 @@ def _contour_from_lattice(
     """
     fine = relative_spacing * spacing
     nodes = lattice_nodes(source, fine, np.array(offsets))
-    vertices, normals, quads = dual_vertices(source, nodes, edge_crossings(source, nodes))
+    vertices, normals, quads, slight_creases = dual_vertices(source, nodes, edge_crossings(source, nodes))
     cells = dual_triangles(source, vertices, normals, quads)
     if not len(cells):
         raise ResolutionError(
@@ -109,7 +110,7 @@ def _contour_from_lattice(
     defects = find_defects(rims, nodes, vertices, cells, on_rim, folds, components_before, spacing)
     missed = _missed_points(nodes, vertices[np.unique(cells)])
     removed = open_components + closed_components
-    report = SurfaceReport(relative_spacing, nonmanifold_share, defects, missed, removed)
+    report = SurfaceReport(relative_spacing, nonmanifold_share, defects, missed, removed, slight_creases)
     return Mesh.of(vertices, cells), report
 
 

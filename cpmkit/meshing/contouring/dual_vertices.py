@@ -9,9 +9,10 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
-from cpmkit.meshing.contouring.contour_edges import edge_table
+from cpmkit.meshing.contour_edges import edge_table
 from cpmkit.meshing.contouring.contour_nodes import NORMAL_NOISES, LatticeNodes
 from cpmkit.meshing.contouring.edge_crossings import Crossings
+from cpmkit.meshing.sharp_creases import LEAST_SINGULAR_SHARE, Faces, points_on_creases, shows_slight_creases
 from cpmkit.types import Bools, Floats, Ints
 
 #: A chord is flat if its sine with the tangent spaces at its ends is at most this: arcs up to about 10 degrees.
@@ -133,13 +134,16 @@ def _line_meets_box(point: Floats, along: Floats, low: Floats, high: Floats) -> 
 
 #: Eigenvalues of a sum of projections below this share of the largest one are noise: their directions are not used.
 LEAST_EIGENVALUE = 0.12
+#: A slight crease is sought where the common point of planes is off the surface by at most this share of its height.
+PLANES_SHARE = 0.4
 
 
-def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings) -> tuple[Floats, Floats, Ints]:
+def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings) -> tuple[Floats, Floats, Ints, bool]:
     """Return vertices (v, 3) on the surface, unit normals (v, 3) there of either sign, and quadrilaterals (c, 4).
 
-    Each group of crossings of one cell's edges that are connected on the surface in the cell has one vertex. Each
-    crossing has a quadrilateral: the vertices, in cyclic order, in the four cells around its lattice edge.
+    Last comes whether there are slight creases (:attr:`LocalSource.slight_creases`). Each group of crossings of one
+    cell's edges that are connected on the surface in the cell has one vertex. Each crossing has a quadrilateral: the
+    vertices, in cyclic order, in the four cells around its lattice edge.
     """
     strides = nodes.codes.strides
     u, v = strides[(crossings.axis + 1) % 3], strides[(crossings.axis + 2) % 3]
@@ -151,8 +155,8 @@ def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings
     roots, piece = np.unique(group, return_inverse=True)
     around = np.empty(len(order), dtype=np.int64)
     around[order] = piece
-    vertex, normals = _least_squares_vertices(nodes, sorted_cells[roots], crossings, member, piece)
-    return source.closest_point(vertex).points, normals, around.reshape(-1, 4)
+    vertex, normals, slight = _least_squares_vertices(source, nodes, sorted_cells[roots], crossings, member, piece)
+    return source.closest_point(vertex).points, normals, around.reshape(-1, 4), slight
 
 
 def _connected_groups(
@@ -184,12 +188,13 @@ def _connected_groups(
 
 
 def _least_squares_vertices(
-    nodes: LatticeNodes, cells: Ints, crossings: Crossings, member: Ints, piece: Ints
-) -> tuple[Floats, Floats]:
+    source: LocalSource, nodes: LatticeNodes, cells: Ints, crossings: Crossings, member: Ints, piece: Ints
+) -> tuple[Floats, Floats, bool]:
     """Return points (v, 3) nearest to the tangent planes of the crossings of each group, and unit normals (v, 3).
 
     Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
-    their cell by more than a tenth of its side are clipped. Normals have either sign.
+    their cell by more than a tenth of its side are clipped. Points of cells through which a crease passes that turns
+    too little for this are on the crease; last comes whether there are any. Normals have either sign.
     ``cells`` (v,): the code of the cell of each group.
     ``member``, ``piece`` (k,): pairs of a crossing and its group; a crossing has four, one for each cell around it.
     """
@@ -207,12 +212,23 @@ def _least_squares_vertices(
     side = np.stack([mean(n[:, k] * height) for k in range(3)], axis=1)
     values, axes = np.linalg.eigh(matrix)
     used = values >= LEAST_EIGENVALUE * values[:, -1:]
-    part = np.einsum("vki,vk->vi", axes, side) * np.where(used, 1.0 / np.where(used, values, 1.0), 0.0)
-    step = np.einsum("vki,vi->vk", axes, part)
+    part = np.einsum("vki,vk->vi", axes, side)
+    step = np.einsum("vki,vi->vk", axes, part * np.where(used, 1.0 / np.where(used, values, 1.0), 0.0))
     low = nodes.position_of(nodes.codes.decode(cells))
     margin = 0.1 * nodes.spacing
-    vertex = np.clip(centre + step, low - margin, low + nodes.spacing + margin)
-    return vertex, np.ascontiguousarray(axes[:, :, -1])
+    vertex, normals = np.clip(centre + step, low - margin, low + nodes.spacing + margin), axes[:, :, -1]
+    slight = np.flatnonzero(~used[:, 1] & (values[:, 1] >= LEAST_SINGULAR_SHARE**2 * values[:, 2]))
+    on_crease = np.zeros(len(vertex), dtype=bool)
+    if len(slight) and shows_slight_creases(source, np.array([nodes.spacing])):
+        # The planes at a smooth surface meet twice as high above the crossings as the surface is; at a crease, on it.
+        common = (centre + step)[slight] + axes[slight, :, 1] * (part[slight, 1] / values[slight, 1])[:, None]
+        height = np.abs(dots(common - centre[slight], normals[slight]))
+        slight = slight[source.closest_point(common).distance < PLANES_SHARE * height]
+        faces = Faces.of_sides(slight, axes[slight, :, 1], normals[slight], np.full(len(slight), nodes.spacing))
+        moved, on_crease = points_on_creases(source, vertex, faces)
+        on_crease &= ((moved >= low) & (moved < low + nodes.spacing)).all(axis=1)  # or two vertices might coincide
+        vertex = np.where(on_crease[:, None], moved, vertex)
+    return vertex, np.ascontiguousarray(normals), bool(on_crease.any())
 
 
 def dual_triangles(source: LocalSource, points: Floats, normals: Floats, around: Ints) -> Ints:

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 import cpmkit as ck
 from cpmkit import ClosestPoints
-from cpmkit.meshing.contouring.contour_edges import collapse_edges, remove_small_components
+from cpmkit.meshing.contour_edges import collapse_edges, remove_small_components
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 from cpmkit.meshing.curved_from_points import curve_cells_by_closest_points
 from cpmkit.plugin import localize
