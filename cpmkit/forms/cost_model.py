@@ -97,7 +97,8 @@ class Explanation:
         lines += [f"memory at the peak     about {self.bytes / 2**20:,.1f} MiB"]
         if self.seconds is not None:
             lines.append(f"seconds on this machine about {self.seconds:.2g}")
-        lines.append(f"error of the source    about {self.floor:.0e} of the solution's range, at any spacing")
+        about = "about" if self.off_by else "at most"
+        lines.append(f"error of the source    {about} {self.floor:.0e} of the solution's range, at any spacing")
         if self.warnings:
             lines += ["", *self.warnings]
         if self.left_out:
