@@ -230,7 +230,8 @@ def points_on_creases(source: LocalSource, points: Floats, faces: Faces, farthes
         large = values > LEAST_SINGULAR_SHARE**2 * values[:, -1:]
         inverse = np.where(large, 1 / np.where(large, values, 1.0), 0.0)
         x += np.einsum("nij,nj,nkj,nk->ni", vectors, inverse, vectors, sums[:, :, dim])
-        turn = np.sqrt(np.maximum(values[:, -2], 0.0) / np.where(several, values[:, -1], 1.0))  # tangent of its half
+        largest = np.where(values[:, -1] > 0, values[:, -1], 1.0)  # zero without normals
+        turn = np.sqrt(np.maximum(values[:, -2], 0.0) / largest)  # tangent of its half
         limit = turn if before is None else (turn * before[1] - before[0] * share) / (before[1] - share)
         several &= limit > LEAST_SINGULAR_SHARE
         before = turn, share
