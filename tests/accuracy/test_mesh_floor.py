@@ -63,7 +63,7 @@ def test_an_explanation_that_counts_reports_the_floor_too():
 
 
 def test_a_tolerance_below_the_floor_is_reported():
-    with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone leaves"):
+    with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone may leave"):
         solution = ck.solve(scene(sphere(1)), tolerance=1e-3)
     assert solution.solve_history.status == "floor"
     assert solution.error.floor[0] > 1e-3
@@ -82,7 +82,7 @@ def test_a_mesh_can_be_read_as_its_triangles():
 def test_a_recipe_whose_solution_on_triangles_is_not_known_has_the_estimate_by_areas():
     """Its solutions on the flat triangles would be those on the smooth mesh, and their difference zero."""
     of = scene(sphere(1))
-    with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone leaves"):
+    with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone may leave"):
         solution = ck.solve_by(lambda spacing, origin: ck.solve(of, spacing, origin=origin), of, tolerance=1e-3)
     assert solution.solve_history.status == "floor"
     assert solution.error.floor[0] == solution.discretized.source_error() > 1e-3
