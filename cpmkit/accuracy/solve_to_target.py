@@ -248,7 +248,8 @@ def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: fl
         causes = " ".join(advice_of(run.scene.surface, best.spacing).warnings)
         return (
             f"tolerance {target.tolerance:g} is below what the surface's representation alone may leave, at most "
-            f"{aim:.1g} of the range at any spacing: {error}{slow}; give a more accurate surface.{' ' if causes else ''}{causes}"
+            f"{aim:.1g} of the range at any spacing: {error}{slow}; give a more accurate surface."
+            f"{' ' if causes else ''}{causes}"
         )
     if target.tolerance is None:
         return f"{target.seconds:g} seconds were not enough, it took {run.elapsed:.2g}: {error}{slow}."
