@@ -63,7 +63,7 @@ def coefficient_and_factor(
         room = spacing / (1.0 - float(divisors.min()))
         raise ResolutionError(
             f"spacing={spacing:g} is too coarse for the Robin condition alpha={alpha:g}, "
-            f"beta={float(beta[divisors.argmin()]):g}, which feeds the solution; use {room:.2g} or less."
+            f"beta={float(beta[divisors.argmin()]):g}, which feeds the solution; try {room:.2g} or less."
         )
     coefficient = np.where(first_order, alpha / first, (alpha - 0.5 * beta * s) / second)
     return coefficient, np.where(first_order, t / first, s / second)
