@@ -6,12 +6,12 @@ from itertools import combinations
 
 import numpy as np
 
-from cpmkit.plugin import Floats, norms
+from cpmkit.plugin import Bools, Floats, norms
 from cpmkit_levelset.fields import Field
 from cpmkit_levelset.formulas import FormulaField
 from cpmkit_levelset.manifold import MOST_PROJECTIONS, ON_SURFACE_SHARE, ZeroSet, unit_or_nan
 from cpmkit_levelset.sampling import COVERING_SPACINGS
-from cpmkit_levelset.search import ON_CREASE_COVERINGS, LayeredSet, build_layer
+from cpmkit_levelset.search import ON_CREASE_COVERINGS, Layer, LayeredSet, build_layer
 
 #: The gradients on both sides of a crease are taken at this distance from it, relative to the size.
 CREASE_STEP_SHARE = 1e-7
@@ -19,42 +19,47 @@ CREASE_STEP_SHARE = 1e-7
 LEAST_CREASE_ANGLE = 1e-3
 
 
-def crease_kinks(field: Field, samples: Floats, size: float, spacing: float) -> tuple[FormulaField, ...]:
-    """Return the kinks of ``field`` at whose zeros its gradient jumps somewhere on the level set.
+def surface_layers(zero_set: ZeroSet, samples: Floats, kinks: tuple[FormulaField, ...], spacing: float) -> LayeredSet:
+    """Return a level set as faces, with creases at zeros of ``kinks`` and corners where creases meet.
 
-    ``samples`` (n, d) are those of the level set, taken from a lattice of ``spacing``.
+    ``samples`` (n, d) are those of the set, taken from a lattice of ``spacing``. A face has one sign of each kink.
+    Kinks at whose zeros the gradient jumps nowhere on the level set make no crease.
     """
-    return tuple(
-        kink
-        for kink in (field.kinks if isinstance(field, FormulaField) else ())
-        if _gradient_jumps(field, kink, common_points(ZeroSet((field, kink), size), samples, spacing), size).any()
-    )
+    covering, (field,) = COVERING_SPACINGS * spacing, zero_set.fields
+    found: dict[ZeroSet, tuple[Floats, Bools]] = {}
+    for kink in kinks:
+        crease = ZeroSet((field, kink), zero_set.size)
+        points = common_points(crease, samples, spacing)
+        jumps = _gradient_jumps(field, kink, points, zero_set.size)
+        if jumps.any():
+            found[crease] = points, jumps
+    layers = _layers_of_faces(zero_set, samples, covering, tuple(found))
+    for crease, (points, jumps) in found.items():
+        others = tuple(other for other in found if other is not crease)
+        layers.append(build_layer(crease, points[jumps], covering, others))
+    pairs = combinations(found, 2) if samples.shape[1] == 3 else ()
+    corners = [_corner_points((*a.fields, b.fields[1]), found[a][0], zero_set.size, spacing) for a, b in pairs]
+    return LayeredSet(tuple(layers), np.concatenate([samples[:0], *corners]))
 
 
-def layered_set(zero_set: ZeroSet, samples: Floats, kinks: tuple[FormulaField, ...], spacing: float) -> LayeredSet:
-    """Return the level set ``zero_set`` as faces, with creases at zeros of ``kinks`` and corners where creases meet.
+def edge_layers(zero_set: ZeroSet, samples: Floats, kinks: tuple[FormulaField, ...], spacing: float) -> LayeredSet:
+    """Return the edge of a level set, of phi and the trim, as arcs with one sign of each of ``kinks``, and corners.
 
-    An edge, of two fields, has arcs in place of faces, and corners at the zeros of kinks. ``samples`` (n, d) are those
-    of the set, taken from a lattice of ``spacing``. A face or arc has one sign of each kink.
+    ``samples`` (n, d) are those of the edge, taken from a lattice of ``spacing``.
     """
-    covering, size = COVERING_SPACINGS * spacing, zero_set.size
-    creases = [ZeroSet((zero_set.fields[-1], kink), size) for kink in kinks]
-    on_faces = samples
+    creases = tuple(ZeroSet((zero_set.fields[1], kink), zero_set.size) for kink in kinks)
+    layers = _layers_of_faces(zero_set, samples, COVERING_SPACINGS * spacing, creases)
+    corners = [_corner_points((*zero_set.fields, kink), samples, zero_set.size, spacing) for kink in kinks]
+    return LayeredSet(tuple(layers), np.concatenate([samples[:0], *corners]))
+
+
+def _layers_of_faces(zero_set: ZeroSet, samples: Floats, covering: float, creases: tuple[ZeroSet, ...]) -> list[Layer]:
+    """Return a layer for each combination of signs that the kinks of ``creases`` have at the ``samples`` (n, d)."""
     for crease in creases:  # a descent that starts on a crease may take either face's slope
-        on_faces = on_faces[crease.distance_estimate(on_faces) > ON_CREASE_COVERINGS * covering]
-    signs = np.array([kink.value(on_faces) > 0 for kink in kinks]).reshape(len(kinks), len(on_faces))
+        samples = samples[crease.distance_estimate(samples) > ON_CREASE_COVERINGS * covering]
+    signs = np.array([crease.fields[1].value(samples) > 0 for crease in creases]).reshape(len(creases), len(samples))
     face = np.unique(signs, axis=1, return_inverse=True)[1].reshape(-1)
-    layers = [build_layer(zero_set, on_faces[face == k], covering, tuple(creases)) for k in range(face.max() + 1)]
-    if len(zero_set.fields) == 2:
-        corners = [_corner_points((*zero_set.fields, kink), samples, size, spacing) for kink in kinks]
-        return LayeredSet(tuple(layers), np.concatenate([np.empty((0, samples.shape[1])), *corners]))
-    found = [common_points(crease, samples, spacing) for crease in creases]
-    for kink, crease, points in zip(kinks, creases, found, strict=True):
-        on_crease = points[_gradient_jumps(zero_set.fields[0], kink, points, size)]
-        layers.append(build_layer(crease, on_crease, covering, tuple(each for each in creases if each is not crease)))
-    pairs = combinations(range(len(kinks)), 2) if samples.shape[1] == 3 else ()
-    corners = [_corner_points((zero_set.fields[0], kinks[i], kinks[j]), found[i], size, spacing) for i, j in pairs]
-    return LayeredSet(tuple(layers), np.concatenate([np.empty((0, samples.shape[1])), *corners]))
+    return [build_layer(zero_set, samples[face == k], covering, creases) for k in range(face.max() + 1)]
 
 
 def common_points(common: ZeroSet, samples: Floats, spacing: float) -> Floats:
@@ -64,7 +69,7 @@ def common_points(common: ZeroSet, samples: Floats, spacing: float) -> Floats:
     return points[converged]
 
 
-def _gradient_jumps(field: Field, kink: FormulaField, points: Floats, size: float) -> np.ndarray:
+def _gradient_jumps(field: Field, kink: FormulaField, points: Floats, size: float) -> Bools:
     """Return (n,) whether the gradient of ``field`` turns by LEAST_CREASE_ANGLE at ``points`` (n, d) on a ``kink``."""
     across = CREASE_STEP_SHARE * size * unit_or_nan(kink.gradient(points)[1])
     ahead, behind = (unit_or_nan(field.gradient(points + step)[1]) for step in (across, -across))

@@ -20,7 +20,7 @@ from cpmkit.plugin import (
     positive,
     source_repr,
 )
-from cpmkit_levelset.creases import common_points, crease_kinks, layered_set
+from cpmkit_levelset.creases import common_points, edge_layers, surface_layers
 from cpmkit_levelset.fields import Field, FunctionField
 from cpmkit_levelset.formulas import FormulaField
 from cpmkit_levelset.manifold import ZeroSet, unit_or_nan
@@ -223,10 +223,10 @@ def level_set(field: Field, trim: FormulaField | None, box: Floats, resolution: 
             f"the zero set runs out of the bounds at {len(leaks)} lattice points, first near {leaks[0].tolist()}; "
             "widen the bounds until they hold it, or cut it off inside of them with trim."
         )
-    kinks, edge = crease_kinks(field, samples, size, spacing), None
+    kinks, edge = (field.kinks if isinstance(field, FormulaField) else ()), None
     if trim is not None:
         samples, edge = _trim_samples(field, trim, samples, size, spacing, kinks)
-    return LevelSet(field, trim, box, layered_set(zero_set, samples, kinks, spacing), edge, np.zeros(field.dim))
+    return LevelSet(field, trim, box, surface_layers(zero_set, samples, kinks, spacing), edge, np.zeros(field.dim))
 
 
 def _trim_samples(
@@ -234,7 +234,7 @@ def _trim_samples(
 ) -> tuple[Floats, LayeredSet | None]:
     """Return the samples where trim <= 0, or nearly so, and the layers of the edge, None if nothing is cut.
 
-    ``spacing`` is that of the lattice; ``kinks`` are those of ``field`` that make creases. Raise InputError if no
+    ``spacing`` is that of the lattice; ``kinks`` are those of ``field``. Raise InputError if no
     sample is left, or a curve has more than two ends.
     """
     inside = trim.value(samples) <= 0
@@ -246,8 +246,8 @@ def _trim_samples(
         return samples[inside], None
     near = inside | (rim.distance_estimate(samples) <= COVERING_SPACINGS * spacing)
     if field.dim == 2:
-        return samples[near], layered_set(rim, _distinct_ends(points, size), (), spacing)
-    return samples[near], layered_set(rim, points, (*trim.kinks, *kinks), spacing)
+        return samples[near], edge_layers(rim, _distinct_ends(points, size), (), spacing)
+    return samples[near], edge_layers(rim, points, (*trim.kinks, *kinks), spacing)
 
 
 def _distinct_ends(points: Floats, size: float) -> Floats:
