@@ -54,8 +54,7 @@ def crease_facets(mesh: Mesh, spacing: float, creased: Bools | None = None) -> I
         return np.flatnonzero(chosen)[:, None]
     has_length = mesh.edge_lengths**2 > 0
     junction, crease = junction & has_length, crease & has_length
-    bounded = np.zeros(count, dtype=bool)
-    bounded[mesh.cut_edges] = True  # cut in any case
+    bounded = mesh.edge_is_cut  # cut in any case
     fixed = junction | bounded
     chosen = fixed | _without_short_chains(mesh, crease & ~fixed, fixed, spacing)
     chosen = _without_small_parts(mesh, chosen & ~bounded, bounded, LEAST_AREA * spacing**2)

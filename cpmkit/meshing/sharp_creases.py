@@ -70,8 +70,7 @@ def creased_edges(mesh: Mesh, source: LocalSource, sliver: float = 0.0, farthest
         if slight.any() and shows_slight_creases(source, mesh.edge_lengths[slight]):
             middles = mesh.vertices[mesh.edges.ends].mean(axis=1)
             creased |= points_on_creases(source, middles, _faces_at(mesh, slight), farthest)[1]
-    creased[mesh.cut_edges] = False
-    return creased
+    return np.asarray(creased & ~mesh.edge_is_cut)
 
 
 def shows_slight_creases(source: LocalSource, lengths: Floats) -> bool:
@@ -149,8 +148,8 @@ def _halve_crossing_edges(mesh: Mesh, source: LocalSource, on_crease: Bools) -> 
     edges = mesh.edges
     opposite = np.zeros(len(edges.ends), dtype=bool)
     opposite[edges.of_cells[on_crease[mesh.cells]]] = True
-    opposite[mesh.cut_edges] = opposite[mesh.connectivity.on_rim] = False
-    rows = np.flatnonzero(opposite & ~on_crease[edges.ends].any(axis=1))
+    excluded = mesh.edge_is_cut | mesh.connectivity.on_rim | on_crease[edges.ends].any(axis=1)
+    rows = np.flatnonzero(opposite & ~excluded)
     a, b = mesh.vertices[edges.ends[rows]].transpose(1, 0, 2)
     cell = np.zeros(len(edges.ends), dtype=np.int64)
     cell[edges.of_cells] = np.arange(len(mesh.cells))[:, None]
