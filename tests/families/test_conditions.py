@@ -207,7 +207,7 @@ def test_the_rim_of_a_cap(name):
 
 def test_a_robin_condition_that_feeds_needs_a_fine_grid():
     problem = arc_problem(ck.Robin(1.0, -9.0, 0.0))
-    with pytest.raises(ck.ResolutionError, match=r"too coarse for the Robin condition alpha=1, beta=-9.* use 0\.\d+"):
+    with pytest.raises(ck.ResolutionError, match=r"too coarse for the Robin condition alpha=1, beta=-9.* try 0\.\d+"):
         ck.solve(problem[0], 0.1, form="collocation")
     fine = ck.solve(problem[0], 0.01, form="collocation").evaluate(problem[1])
     np.testing.assert_allclose(ck.solve(problem[0], 0.1, form="galerkin").evaluate(problem[1]), fine, atol=3e-4)
