@@ -6,6 +6,7 @@ import trimesh
 from coarse_meshes import torus
 from extremes.envelope_scenes import SPACING, TILT, along, hole, neck, slot, u_turn, u_turn_line
 from model_problems import order_of
+from palm_mesh import palm
 
 import cpmkit as ck
 from cpmkit.scenefile.look import Look
@@ -192,3 +193,12 @@ SMOOTH = {
 def test_smooth_shapes_have_no_charts(name):
     form = ck.discretize(ck.Scene(SMOOTH[name](), ck.ScreenedPoisson(1.0)), 0.1)
     assert not len(form.sampled.tied)
+
+
+@pytest.mark.parametrize("spacing", [0.05, 0.06, 0.07])
+def test_projections_are_determined_on_charts_of_a_few_triangles(spacing):
+    vertices, faces = palm()  # of coarse fingers, at whose ends charts below a tenth of the squared spacing are left
+    space = ck.prepare(ck.Scene(triangles(vertices, faces), ck.Poisson(1.0)), spacing).discretized.space
+    diagonal = space.projection_matrix.diagonal() ** -0.5
+    eigenvalues = np.linalg.eigvalsh(diagonal[:, None] * space.projection_matrix.toarray() * diagonal)
+    assert eigenvalues[0] > 1e-7

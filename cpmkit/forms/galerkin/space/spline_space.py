@@ -125,7 +125,7 @@ class SplineSpace:
     #: reads. Where an unknown has several neighbours in one direction, there is a run through each of them.
     runs: Any
     #: (s, degree + 1) int32: sequences of degree + 1 unknowns along an axis inside one patch: through each unknown that
-    #: is in no run, and, for curves in space, along axes on which a piece of the curve stays in one layer of cells.
+    #: is in no run, and through those of small and thin connected pieces (`_lines_in_small_or_thin_pieces`).
     short_runs: Any
     #: indptr, indices (n + 1,), (z,) int32 or int64: the sparsity pattern of matrices in CSR, columns ascending.
     indptr: Any
@@ -172,8 +172,8 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> 
     in_no_run = np.ones(n, dtype=bool)
     in_no_run[runs] = False
     short_runs = lines_through(dof_map, heaviest[in_no_run])
-    if samples.codim > 1:
-        short_runs = np.concatenate([short_runs, _lines_across_straight_pieces(dof_map, runs_by_axis, heaviest)])
+    lines = _lines_in_small_or_thin_pieces(dof_map, runs_by_axis, heaviest, weight, samples.codim)
+    short_runs = np.concatenate([short_runs, lines])
     short_runs = np.unique(short_runs, axis=0)
     short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # isolated pieces have one unknown all along
     indptr = np.zeros(n + 1, dtype=np.int32 if len(places) * width < 2**31 else np.int64)
@@ -182,19 +182,25 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> 
     return SplineSpace(dof_map, samples, heaviest, runs, short_runs, indptr, indices)
 
 
-def _lines_across_straight_pieces(dof_map: DofMap, runs_by_axis: Sequence[Ints], heaviest: Ints) -> Ints:
-    """Return lines (k, degree + 1) of unknowns for connected pieces of a curve in space that have no run along an axis.
+def _lines_in_small_or_thin_pieces(
+    dof_map: DofMap, runs_by_axis: Sequence[Ints], heaviest: Ints, weight: Floats, codim: int
+) -> Ints:
+    """Return lines (k, degree + 1) inside patches, one through each unknown of a small or thin connected piece.
 
-    The lines are inside patches and along these axes, one through each unknown of such a piece. Such a piece stays in
-    one layer of cells. Where it is straight, y^2 z and all its derivatives in the energy vanish on it, with y and z
-    coordinates along such axes; the penalty on differences along the lines is not zero for that function.
+    Small pieces have a size, the sum of ``weight`` (patches,), below h^m, and lines along all axes: their few samples
+    leave polynomials of the degree of the splines undetermined, on which differences along runs vanish. Thin are the
+    pieces of curves in space that have no run along an axis, and stay in one layer of cells; their lines are along such
+    axes. Where a curve is straight, y^2 z and all its derivatives in the energy vanish on it, with y and z coordinates
+    along such axes; the penalty on differences along the lines is not zero for that function.
     """
     count, piece = connected_pieces(dof_map, across_ties=False)
+    size = np.bincount(piece[dof_map.unknowns[:, 0]], weight, minlength=count)
+    small = size < dof_map.spacing ** (dof_map.dim - codim)
     lines = []
     for axis, runs in enumerate(runs_by_axis):
-        has_no_run = np.bincount(piece[runs[:, 0]], minlength=count) == 0
-        by_axis = lines_through(dof_map, heaviest[has_no_run[piece]]).reshape(dof_map.dim, -1, dof_map.width)
-        lines.append(by_axis[axis])
+        thin = (np.bincount(piece[runs[:, 0]], minlength=count) == 0) & (codim > 1)
+        chosen = (small | thin)[piece]
+        lines.append(lines_through(dof_map, heaviest[chosen]).reshape(dof_map.dim, -1, dof_map.width)[axis])
     return np.concatenate(lines)
 
 
