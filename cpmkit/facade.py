@@ -74,7 +74,7 @@ class Solution(SolutionRecord):
 
     @document_look
     def plot(self, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
-        """Draw the solution on matplotlib axes, by default a new figure of 900 pixels, and return them."""
+        """Draw the solution on matplotlib axes, by default a new figure 900 pixels wide, and return them."""
         from cpmkit.view.showing import plot
 
         return plot(self, axes, **options)

@@ -250,7 +250,7 @@ def predicted_bytes(run: AdaptiveRun, unknowns: float) -> float:
 
 
 def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
-    """Return the bytes that a solve with ``unknowns`` needs, and those of all solutions of the run with fewer."""
+    """Return the bytes a solve with ``unknowns`` needs, and those that all solutions of the run with fewer hold."""
     options = lattice_options(run.last.solution.discretized)
     assert options is not None  # a target is for a form on a lattice
     model = cost_model(run.scene, options)

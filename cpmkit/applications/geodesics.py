@@ -242,7 +242,7 @@ def _heat_distance(
     On each piece with an origin a constant is added to it: the median difference from ``straight`` (p,) beside origins.
     """
     field = heat.heat_directions(prepared, origins, pieces)
-    phi = heat.with_direct_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
+    phi = heat.with_direct_solver_if_small(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
     h, shifts = phi.spacing, np.zeros(pieces.count)
     for piece in range(pieces.count):
         of_piece = pieces.of_point == piece

@@ -198,7 +198,7 @@ def barrier_scene(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene
     return ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge)
 
 
-def with_direct_solver(prepared: Prepared) -> Prepared:
+def with_direct_solver_if_small(prepared: Prepared) -> Prepared:
     """Return the prepared scene with a direct solver, whose values have no noise; itself above 60,000 unknowns."""
     if prepared.discretized.size > 60_000:
         return prepared
@@ -211,13 +211,14 @@ def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None 
     They are zero at the few points where heat underflows, and on those of the ``pieces`` that have no origin. Raises
     SceneError if no heat arrives at other points, of a piece with an origin or, without ``pieces``, of any piece.
     """
-    h, heated = prepared.discretized.spacing, with_direct_solver(prepared)
-    share, time = 0.0 if heated is not prepared else NOISE_SHARE, HEAT_TIME * h * h
+    h, heated = prepared.discretized.spacing, with_direct_solver_if_small(prepared)
+    time = HEAT_TIME * h * h
     longest = float(np.ptp(prepared.scene.surface.bounds, axis=0).max()) ** 2  # then heat is everywhere
     while True:
         source = origins.heat_source(h, time**0.5)
-        heat = prepared.field(heated.solve(problem=ck.ScreenedPoisson(source, c=1 / time, lumped=True)))
-        cold = heat.values <= share * heat.values.max()
+        solution = heated.solve(problem=ck.ScreenedPoisson(source, c=1 / time, lumped=True))
+        heat = prepared.field(solution)
+        cold = heat.values <= heat.values.max() * (0.0 if solution.report.solver == "direct" else NOISE_SHARE)
         if pieces is not None:
             warm = np.bincount(pieces.of_point, heat.values > 0.0, pieces.count) > 0  # pieces with an origin
             cold &= warm[pieces.of_point]

@@ -148,7 +148,8 @@ class Measured(Result):
     def gradient(self, points: Any) -> Floats:
         """Return the tangential gradient at ``points``, (n, d) or (d,) of both; errors as of ``Solution.gradient``.
 
-        Its length is about one except at ridges, ends and gaps, and zero on pieces without an origin.
+        Its length is about one except at ridges, ends and gaps, and within two spacings of origins of unsigned
+        distances, on which it is zero, as on pieces without an origin.
         """
         return np.asarray(self.solution.gradient(points))
 

@@ -112,7 +112,7 @@ def _solve_signed_distance(prepared: Prepared, curves: heat.Origins, rounds: int
     manifold = prepared.scene.surface
     samples = [ck.boundary_points(curve, manifold, prepared.discretized.spacing) for curve in curves.curves]
     field = _gradient_directions(prepared, curves, samples)
-    phi = heat.with_direct_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
+    phi = heat.with_direct_solver_if_small(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
     phi = replace(phi, values=phi.values - _mean_along_curves(phi, samples))
     straight, signed = _signed_straight_distance(curves, prepared.points)
     transport = prepare_transport(prepared)

@@ -65,7 +65,7 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
     corner = np.zeros(len(feet), dtype=bool)
 
     def member_tangents(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
-        """Return the unit tangents of one member at its feet, and mark corners and ends in ``corner`` at ``rows``."""
+        """Return unit tangents of one member at its feet; without its own, mark corners in ``corner`` at ``rows``."""
         if member.has_tangents:
             return member.tangents(member_feet)
         values, axes = np.linalg.eigh(jacobian(member, member_feet.points, step))

@@ -44,7 +44,7 @@ def crease_facets(mesh: Mesh, spacing: float, creased: Bools | None = None) -> I
     numbers, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
     junction = np.bincount(numbers.ravel(), minlength=count) > 2
     if creased is None:
-        creased = turning_facets(mesh, CREASE_DEGREES, SLIVER_SPACINGS * spacing)
+        creased = sharp_facets(mesh, CREASE_DEGREES, SLIVER_SPACINGS * spacing)
     crease = creased & ~junction
     if not (junction.any() or crease.any()):
         return np.zeros((0, mesh.manifold_dim), dtype=np.int64)
@@ -61,10 +61,10 @@ def crease_facets(mesh: Mesh, spacing: float, creased: Bools | None = None) -> I
     return np.asarray(mesh.edges.ends[chosen])
 
 
-def turning_facets(mesh: Mesh, degrees: float, sliver: float = 0.0) -> Bools:
+def sharp_facets(mesh: Mesh, degrees: float, sliver: float = 0.0) -> Bools:
     """Return whether (f,) each facet has two cells that turn by more than ``degrees``, or three cells or more.
 
-    Slivers at boundaries, with a height over the facet below the length ``sliver``, do not count.
+    Two cells of which one is a sliver at a boundary, of a height over the facet below ``sliver``, do not count.
     """
     facets, places = facets_of_two_cells(mesh)
     inward = [inward_directions(mesh, of_side) for of_side in places.T]

@@ -17,7 +17,7 @@ from cpmkit.mesh.adjacency import rim_of_vertices
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import halve_edges
 from cpmkit.meshing.contour_edges import collapse_edges, double_areas, shortest_at_both_ends
-from cpmkit.meshing.creases import CREASE_DEGREES, inward_directions, turning_facets
+from cpmkit.meshing.creases import CREASE_DEGREES, inward_directions, sharp_facets
 from cpmkit.types import Bools, Floats, Ints
 
 #: Planes touch the faces at these shares of an edge's length from the node, one after the other: the error of a plane
@@ -62,11 +62,11 @@ def creased_edges(mesh: Mesh, source: LocalSource, sliver: float = 0.0, farthest
     """Return whether (e,) edges of triangles, outside boundaries, lie at creases or have three triangles or more.
 
     Where triangles turn by less, planes that touch the manifold tell creases from curvature; the middle of the edge is
-    nearer to the crease than the share ``farthest`` of it. For ``sliver`` see :func:`turning_facets`.
+    nearer to the crease than the share ``farthest`` of it. For ``sliver`` see :func:`sharp_facets`.
     """
-    creased = turning_facets(mesh, CREASE_DEGREES, sliver)
+    creased = sharp_facets(mesh, CREASE_DEGREES, sliver)
     if source.slight_creases:
-        slight = turning_facets(mesh, LEAST_CREASE_DEGREES, sliver) & ~creased
+        slight = sharp_facets(mesh, LEAST_CREASE_DEGREES, sliver) & ~creased
         if slight.any() and shows_slight_creases(source, mesh.edge_lengths[slight]):
             middles = mesh.vertices[mesh.edges.ends].mean(axis=1)
             creased |= points_on_creases(source, middles, _faces_at(mesh, slight), farthest)[1]

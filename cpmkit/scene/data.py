@@ -106,8 +106,8 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
     Raises
     ------
     InputError
-        If the number of channels differs, a callable returns another shape, a value is not finite or too large, data
-        are a functional, or a callable has a parameter ``t`` and there is no time.
+        If the number of channels differs, a callable returns another shape than (), (n,) or (n, channels), a value is
+        not finite or too large, data are a functional, or data depend on the time and there is none.
     """
     n = len(points)
     if isinstance(data, Functional):

@@ -201,5 +201,5 @@ def _application_file(command: str, tables: dict[str, Any], path: Path) -> scene
     if output.picture is not None and output.picture.vectors:
         raise SceneError(f"`cpmkit {command}` draws in its own way; leave out vectors of the picture.")
     read = {"vectors": read_directions, "map": read_map, "paint": read_colours}[command]
-    with scene_files.naming_table("the scene"):
+    with scene_files.errors_naming_table("the scene"):
         return scene_files.SceneFile(scene, spacing, options, output, read(tables, scene, path.parent))

@@ -120,7 +120,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     The spacing is None if the table has none. Raises SceneError if a key or its value is not accepted, and for the
     kind of a plugin's solver the errors of :func:`make_solver`.
     """
-    with naming_table("[discretization]"):
+    with errors_naming_table("[discretization]"):
         grid = current_keywords(as_table(tables.get("discretization", {}), "[discretization]"), RENAMED_OPTIONS)
         own, accepted = own_options(grid)
         check_accepted(
@@ -138,14 +138,14 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     if name in SOLVER_OPTIONS:  # a plugin's solver has keys of its own
         keys = (SOLVER_KEYS[option] for option in declared_options(SolverOptions))
         check_accepted("[solver]", solver, (*keys, *SOLVER_OPTIONS[name]))
-    with naming_table("[solver]"):
+    with errors_naming_table("[solver]"):
         SolverOptions.from_keywords(renamed)
     spacing = grid.pop("spacing", None)
     return spacing, {**grid, **renamed}
 
 
 @contextmanager
-def naming_table(where: str) -> Iterator[None]:
+def errors_naming_table(where: str) -> Iterator[None]:
     """Raise InputErrors of the block as SceneErrors that begin with a table's name ``where``; SceneErrors unchanged."""
     try:
         yield
@@ -234,7 +234,7 @@ def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
     picture, files = table.get("picture"), table.get("files", ["summary.json"])
     if picture is not None:
         picture = as_table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
-        with naming_table("[output]"):
+        with errors_naming_table("[output]"):
             picture = call_factory(PictureRequest, "picture of [output]", picture)
     if not is_sequence(files):
         raise SceneError(f"files of [output] must be a list of names, such as ['summary.json'], got {shown(files)}.")
@@ -242,5 +242,5 @@ def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
     folder = Path(relative_name(folder, "folder of [output]") if "folder" in table and folder != "." else folder)
     check_links(folder, Path.cwd(), "folder of [output]")
     vertices = table.get("vertices", VERTICES[0])
-    with naming_table("[output]"):
+    with errors_naming_table("[output]"):
         return OutputRequest(folder, tuple(files), picture, vertices)

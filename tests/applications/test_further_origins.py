@@ -56,6 +56,15 @@ def test_a_further_origin_by_heat_makes_no_factors_and_goes_through_the_samples_
     assert +done == Counter(values_at_samples=1, gradients_at_samples=1, gradient_load=1, points_at=1)
 
 
+def test_heat_is_read_as_exact_also_if_the_scene_was_prepared_with_the_direct_solver() -> None:
+    """At this spacing heat falls below the noise of an iterative solver within half of the sphere."""
+    found = []
+    for solver in ({}, {"solver": "direct", "solver_tolerance": 1e-7}):
+        prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.15, form="galerkin", **solver)
+        found.append(geodesic_distance(prepared, [1, 0, 0], method="heat").evaluate([[-0.8, 0.6, 0], [0, 0, 1]]))
+    np.testing.assert_allclose(*found, atol=1e-8)
+
+
 def test_the_rounds_of_transport_share_one_preconditioner(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Any] = []
     plain = multigrid.build_schwarz_cycle

@@ -224,8 +224,8 @@ def _advection_weights(tables: Discretization, velocity: VectorField, diffusive:
     """Return the weights (n, 2 d) of the difference neighbours in ``spacing^2 v . grad u``, by central differences.
 
     ``diffusive`` (n, 2 d) are the weights of diffusion; neighbours are in the order of :func:`cross_offsets`. Raises
-    InputError if the velocity has not d coordinates. Raises ResolutionError if at an unknown advection over one spacing
-    is more than twice as strong as diffusion: the solution would oscillate.
+    InputError if the velocity has not d coordinates. Raises ResolutionError if at any unknown advection over one
+    spacing is more than twice as strong as diffusion: the solution would oscillate.
     """
     spacing, dim = tables.layout.lattice.spacing, tables.layout.lattice.dim
     v = tables.read_at_rows(velocity, "the velocity", None)[tables.unknowns.row_of_unknown]

@@ -21,7 +21,7 @@ def _check_sheets(sheets: Any, what: str) -> bool:
 
 
 def refuse_removed(names: Iterable[str]) -> None:
-    """Raise an InputError, with the replacement, if the option "balance" of former releases is among ``names``."""
+    """Raise an InputError, with the replacement, if the former option "balance" of collocation is among ``names``."""
     if "balance" in names:
         raise InputError(
             'there is no option `balance` any more: use form="galerkin", in which fluxes balance by construction, and '

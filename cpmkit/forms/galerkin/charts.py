@@ -161,9 +161,10 @@ def _reads_folded_unknown(dof_map: DofMap, vectors: Floats) -> Bools:
 
 
 def group_cells(corners: Ints, centres: Floats, vectors: Floats, dof_map: DofMap) -> CellGroups:
-    """Return groups of cells with ``corners`` (m, k) after cutting, ``centres`` (m, d), whose dof map is ``dof_map``.
+    """Return groups of cells that are connected within cubes of `GROUP_SHARE` spacings; their dof map is ``dof_map``.
 
-    ``vectors`` (m, d) are those of :func:`_measure_vectors`.
+    ``corners`` (m, k) are the cells' vertices after cutting, ``centres`` (m, d) their means, ``vectors`` (m, d) those
+    of :func:`_measure_vectors`.
     """
     codes = cell_codes(centres, GROUP_SHARE * dof_map.spacing)
     of_cell, roots, touching = build_patches(codes, corners, np.arange(len(corners)))

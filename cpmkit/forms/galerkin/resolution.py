@@ -91,7 +91,7 @@ class LatticeResolution:
 
     @cached_property
     def warnings(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Warnings on the source and its mesh, and warnings on the parts of them that the lattice does not resolve."""
+        """Warnings on source, mesh and boundaries, and warnings on what the lattice does not resolve."""
         sampled, dof_map = self.sampled, self.space.base_dof_map
         lattice = sampled.lattice
         source = warnings_of(sampled.surface.source, lattice.spacing)

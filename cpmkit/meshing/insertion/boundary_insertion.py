@@ -23,7 +23,7 @@ from cpmkit.meshing.insertion.parallel_curves import (
     is_close_to_others,
 )
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation
-from cpmkit.meshing.insertion.surface_matching import TriangleSearch, polylines_of_source, trace_polylines
+from cpmkit.meshing.insertion.surface_matching import ProjectionSearch, polylines_of_source, trace_polylines
 from cpmkit.meshing.insertion.surface_paths import PathFinder
 from cpmkit.types import Floats, Ints
 
@@ -62,7 +62,7 @@ def insert_boundaries(
         return _cut_curve_at_points(mesh, boundaries)
     net = SplitTriangulation(Mesh.of(in_three_dimensions(mesh.vertices), mesh.cells), spacing)
     constrained = ConstrainedTriangulation(net, MOVABLE_SNAP_SHARE if movable else SNAP_SHARE)
-    finder, counts = PathFinder(constrained, TriangleSearch(net.original, net.sizes)), Counter[str]()
+    finder, counts = PathFinder(constrained, ProjectionSearch(net.original, net.sizes)), Counter[str]()
     polylines = _polylines(finder.search, boundaries, spacing)
     for number, lines in enumerate(polylines):
         others = [*boundaries[:number], *boundaries[number + 1 :]]
@@ -93,7 +93,7 @@ def insert_boundaries(
 
 
 def _polylines(
-    search: TriangleSearch, boundaries: Sequence[LocalSource], spacing: float
+    search: ProjectionSearch, boundaries: Sequence[LocalSource], spacing: float
 ) -> list[list[InsertionPolyline]]:
     """Return for each boundary the polylines of its curves, ready for insertion."""
 
@@ -116,7 +116,7 @@ def _polylines(
 
 
 def _simplified_curves(
-    search: TriangleSearch, boundary: LocalSource, number: int, spacing: float
+    search: ProjectionSearch, boundary: LocalSource, number: int, spacing: float
 ) -> Iterator[SimplifiedCurve]:
     """Yield the curves of a boundary with this ``number`` as simplified polylines."""
     for curve in boundary.members:

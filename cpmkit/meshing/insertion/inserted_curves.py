@@ -15,7 +15,7 @@ from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.mixed_cells import Polyline
 from cpmkit.meshing.insertion.parallel_curves import SimplifiedCurve
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation, Vector, add_scaled, subtract
-from cpmkit.meshing.insertion.surface_matching import Projections, TriangleSearch, match_to_surface, simplify_polyline
+from cpmkit.meshing.insertion.surface_matching import Projections, ProjectionSearch, match_to_surface, simplify_polyline
 from cpmkit.meshing.insertion.surface_paths import InsertedPoint, PathFinder, erase_short_loops
 from cpmkit.types import Bools, Floats, Ints
 
@@ -23,7 +23,7 @@ from cpmkit.types import Bools, Floats, Ints
 PAST_RIM_SHARE = 0.02
 
 
-def simplify_curve(search: TriangleSearch, line: Polyline, source: LocalSource, owner: int) -> SimplifiedCurve:
+def simplify_curve(search: ProjectionSearch, line: Polyline, source: LocalSource, owner: int) -> SimplifiedCurve:
     """Return ``line``, on the curve ``source`` of boundary ``owner``, with fewer points (:func:`simplify_polyline`).
 
     The tolerance is .01 local edge lengths of the triangles of ``search``.
@@ -46,7 +46,7 @@ class InsertionPolyline(NamedTuple):
 
 
 def refine_curve(
-    search: TriangleSearch, curve: SimplifiedCurve, on: Ints, earlier: Sequence[InsertionPolyline]
+    search: ProjectionSearch, curve: SimplifiedCurve, on: Ints, earlier: Sequence[InsertionPolyline]
 ) -> InsertionPolyline:
     """Return the polyline of a curve with points no farther apart than twice the local edge length of the triangles.
 
@@ -106,7 +106,7 @@ def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPo
 
 
 def parts_on_surface(
-    triangulation: SplitTriangulation, search: TriangleSearch, points: Floats, matched: Projections, closed: bool
+    triangulation: SplitTriangulation, search: ProjectionSearch, points: Floats, matched: Projections, closed: bool
 ) -> list[tuple[Projections, bool]]:
     """Return the parts of a curve that lie on the surface, cut off where they pass its rim.
 
@@ -176,7 +176,7 @@ def _true_ranges(mask: Bools) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]
 
 
-def _rim_passage(triangulation: SplitTriangulation, search: TriangleSearch, on: Floats, off: Floats) -> Projections:
+def _rim_passage(triangulation: SplitTriangulation, search: ProjectionSearch, on: Floats, off: Floats) -> Projections:
     """Return the projection of the point between ``on`` and ``off`` (3,) where a curve leaves the surface over its rim.
 
     ``on`` is a point on the surface, ``off`` a point past its rim. The projection's ``point`` is -1.

@@ -40,7 +40,7 @@ class Projections(Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleSearch:
+class ProjectionSearch:
     """Flat triangles onto which points are projected."""
 
     mesh: Mesh
@@ -81,6 +81,9 @@ class TriangleSearch:
 
         L is the local edge length, see ``sizes``.
         """
+        if not len(points):
+            none = np.zeros(0, dtype=np.int64)
+            return Projections(none, none, np.zeros((0, 3)), np.zeros(0))
         size, reach = self._nearest_centroid(points)
         point, cell = self._near_pairs(points, size + reach)
         shares = nearest_barycentric(points[point], self.mesh.vertices[self.mesh.cells[cell]])
@@ -155,7 +158,7 @@ def barycentric_position(triangulation: SplitTriangulation, root: int, shares: F
 def match_to_surface(triangulation: SplitTriangulation, points: Floats, candidates: Projections) -> Projections:
     """Return one of the ``candidates`` for each of consecutive ``points`` (n, 3), so that the curve stays on its sheet.
 
-    Each point must have one (:meth:`TriangleSearch.candidates`). The total cost is least. Each projection costs its
+    Each point must have one (:meth:`ProjectionSearch.candidates`). The total cost is least. Each projection costs its
     distance. Each step between triangles without a common vertex costs path - 1.5 (chord + L), at least 0 and at most
     6 L; path is the shortest over edges, L the edge length there.
     """
@@ -275,7 +278,7 @@ def simplify_polyline(points: Floats, tolerance: Floats) -> Ints:
     return np.flatnonzero(used)
 
 
-def trace_polylines(source: LocalSource, search: TriangleSearch, spacing: float) -> list[Polyline]:
+def trace_polylines(source: LocalSource, search: ProjectionSearch, spacing: float) -> list[Polyline]:
     """Return polylines on all pieces of a curve that is known by closest points alone.
 
     Traces start at the closest points of cells of half a spacing that the curve may meet, and continue in steps of .15

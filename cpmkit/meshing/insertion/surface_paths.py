@@ -23,7 +23,7 @@ from cpmkit.meshing.insertion.split_triangulation import (
     normalize,
     subtract,
 )
-from cpmkit.meshing.insertion.surface_matching import TriangleSearch, barycentric_position
+from cpmkit.meshing.insertion.surface_matching import ProjectionSearch, barycentric_position
 
 
 class FanExit(NamedTuple):
@@ -50,7 +50,7 @@ class PathFinder:
     """Finds paths over a triangulation, and splits the triangles that they cross."""
 
     constrained: ConstrainedTriangulation
-    search: TriangleSearch  #: Search over the roots, the original triangles.
+    search: ProjectionSearch  #: Search over the roots, the original triangles.
     #: The points of curves inserted so far; keys are the numbers of the curve and of the point.
     inserted: dict[tuple[int, ...], InsertedPoint] = field(default_factory=dict)
 

@@ -5,6 +5,7 @@ import pytest
 from cut_meshes import check_sound, cut, icosphere
 
 import cpmkit as ck
+from cpmkit.meshing.insertion.surface_matching import ProjectionSearch
 from cpmkit.plugin import Mesh
 
 
@@ -42,3 +43,11 @@ def test_points_on_a_surface_are_vertices_and_cut_nothing():
     assert len(result.mesh.cut) == 0
     assert result.empty == ()
     check_sound(sphere, result.mesh)
+
+
+def test_no_points_have_no_projections():
+    sphere = icosphere(1)
+    search = ProjectionSearch(sphere, np.ones(len(sphere.cells)))
+    for projections in (search.candidates(np.zeros((0, 3))), search.nearest(np.zeros((0, 3)))):
+        assert len(projections.point) == len(projections.cell) == len(projections.distance) == 0
+        assert projections.shares.shape == (0, 3)

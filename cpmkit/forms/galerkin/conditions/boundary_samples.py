@@ -173,7 +173,7 @@ class BoundarySamples(Rows):
     conormals: Floats
     normals: Floats  #: (b, c, d): orthonormal bases of the normal space of the manifold.
     cell: Ints  #: (b,): the cell of each sample.
-    centres: Floats  #: (b, d): the mean of the corners of that cell.
+    centres: Floats  #: (b, d): the mean of the corners of that cell; at points of a surface the point.
     half: Ints  #: (b,): the half facet in `HalfFacets` that each sample lies on; -1 at points of a surface.
     #: (b,): the number of the facet in ``mesh.cut``; -1 on rims where no boundary lies, and at points of a surface.
     facet: Ints
