@@ -27,7 +27,7 @@ def turning(degrees):
     return Lens(float(np.sin(np.radians(degrees) / 2)))
 
 
-@pytest.mark.parametrize("degrees", [10, 20, 35, 47, 74])
+@pytest.mark.parametrize("degrees", [10, 47, *(pytest.param(one, marks=pytest.mark.slow) for one in (20, 35, 74))])
 def test_a_lens_is_of_high_order_and_its_error_is_known(degrees):
     lens, spacings, errors = turning(degrees), (0.2, 0.1, 0.05), []
     x = lens.closest_point(np.random.default_rng(0).normal(size=(500, 3))).points

@@ -41,7 +41,7 @@ def turned_sheets(radius):
     return u_turn(radius / SPACING)
 
 
-@pytest.mark.parametrize("radius", [0.1, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize("radius", [0.1, 0.5, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.25, 1.0))])
 def test_a_u_turn_of_a_sheet(radius):
     """Without charts the errors are 1.6, .9, .3 and .06 percent."""
     for shift in SHIFTS:
@@ -51,7 +51,7 @@ def test_a_u_turn_of_a_sheet(radius):
         assert solution.discretized.sampled.has_charts
 
 
-@pytest.mark.parametrize("radius", [0.25, 0.5])
+@pytest.mark.parametrize("radius", [pytest.param(0.25, marks=pytest.mark.slow), 0.5])
 def test_the_order_of_u_turns_of_a_fixed_number_of_spacings(radius):
     spacings = (0.1, 0.05, 0.025)
     errors = [max(solve_known(turned_sheets(radius * h), h, shift)[1] for shift in SHIFTS) for h in spacings]
@@ -154,7 +154,7 @@ def test_ties_are_shown():
 def test_a_finer_mesh_of_the_same_surface_is_cut_alike():
     coarse = turned_sheets(0.0125)
     vertices, faces = coarse.scene.surface.given_mesh
-    finer = triangles(*trimesh.remesh.subdivide_to_size(vertices, faces, 0.01))
+    finer = triangles(*trimesh.remesh.subdivide_to_size(vertices, faces, 0.02))
     sizes = []
     for surface in (coarse.scene.surface, finer):
         scene = ck.Scene(surface, coarse.scene.problem)
