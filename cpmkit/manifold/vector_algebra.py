@@ -32,6 +32,14 @@ def unit(a: Floats) -> Floats:
         return np.where(length > 0, a / length, 0.0)
 
 
+def nearest_shares(offsets: Floats, along: Floats) -> Floats:
+    """Return the shares (...), 0 to 1, of the segments ``along`` (..., d) at which they are nearest to points.
+
+    The points are at ``offsets`` (..., d) from the starts of their segments. It is 0 for a segment of length zero.
+    """
+    return np.asarray(np.clip(dots(offsets, along) / np.maximum(dots(along, along), np.finfo(float).tiny), 0.0, 1.0))
+
+
 def normal_frames(tangents: Floats) -> Floats:
     """Return orthonormal bases (n, d - 1, d) of the spaces perpendicular to nonzero ``tangents`` (n, d), d = 2 or 3.
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, nearest_shares, norms, unit
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.types import Bools, Floats, Ints
 
@@ -155,7 +155,7 @@ def seam_midpoints(mesh: Mesh, half: HalfFacets) -> Floats:
     middle, length = 0.5 * (a + b), norms(b - a)
     others = cKDTree(middle).query(middle, min(5, len(rim)))[1]
     start, along, x = a[others], (b - a)[others], middle[:, None]
-    t = np.clip(dots(x - start, along) / np.maximum(dots(along, along), np.finfo(float).tiny), 0.0, 1.0)
+    t = nearest_shares(x - start, along)
     gap = norms(x - start - t[..., None] * along)
     disjoint = (ends[:, None, :, None] != ends[others][:, :, None, :]).all(axis=(2, 3))
     return np.asarray(middle[(disjoint & (gap < SEAM_EDGE_SHARE * length[:, None])).any(axis=1)])

@@ -15,7 +15,7 @@ from cpmkit.forms.galerkin.sheet_separation import SheetSeparation, group_touchi
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.grid.lattice import Lattice, find_codes
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.vector_algebra import dots
+from cpmkit.manifold.vector_algebra import dots, nearest_shares
 from cpmkit.mesh.adjacency import CellSides
 from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.mesh.mesh import Mesh
@@ -231,8 +231,7 @@ def _squared_distances_to_cells(points: Floats, corners: Floats) -> Floats:
     if cells.shape[1] == 3:
         shares = nearest_barycentric(flat, cells)
     else:
-        along = cells[:, 1] - cells[:, 0]
-        share = np.clip(dots(flat - cells[:, 0], along) / np.maximum(dots(along, along), np.finfo(float).tiny), 0, 1)
+        share = nearest_shares(flat - cells[:, 0], cells[:, 1] - cells[:, 0])
         shares = np.stack([1 - share, share], axis=1)
     off = flat - np.einsum("nc,ncd->nd", shares, cells)
     return np.asarray(dots(off, off).reshape(corners.shape[:2]))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.manifold.vector_algebra import dots, nearest_shares, norms
 from cpmkit.meshing.contour_edges import components_with_areas, edge_table, halve_edges, open_edges
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes
 from cpmkit.meshing.contouring.contour_repair import crowded_edges
@@ -171,8 +171,7 @@ def _distances_to_triangles(points: Floats, corners: Floats) -> tuple[Floats, In
         tail = corners[:, (k + 1) % 3]
         along, outward = corners[:, (k + 2) % 3] - tail, points - tail
         inside &= dots(np.cross(along, outward), normal) >= 0
-        with np.errstate(all="ignore"):
-            shares[k] = np.clip(np.nan_to_num(dots(outward, along) / dots(along, along)), 0.0, 1.0)
+        shares[k] = nearest_shares(outward, along)
         away[k] = norms(outward - shares[k][:, None] * along)
     edge, rows = away.argmin(axis=0), np.arange(len(points))
     with np.errstate(all="ignore"):

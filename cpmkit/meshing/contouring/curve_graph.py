@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, nearest_shares, norms, unit
 from cpmkit.meshing.contouring.curve_tracing import CurveTracer
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
@@ -280,6 +280,5 @@ def near_chords(points: Floats, starts: Floats, stops: Floats, reach: float) -> 
     pairs = KDTree(points).sparse_distance_matrix(KDTree(0.5 * (starts + stops)), far, output_type="coo_matrix")
     row, chord = pairs.row.astype(np.int64), pairs.col.astype(np.int64)
     along, off = (stops - starts)[chord], points[row] - starts[chord]
-    square = dots(along, along)
-    share = np.clip(dots(off, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+    share = nearest_shares(off, along)
     return row, chord, norms(off - share[:, None] * along), share

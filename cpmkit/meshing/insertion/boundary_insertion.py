@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import dots, in_three_dimensions, norms
+from cpmkit.manifold.vector_algebra import in_three_dimensions, nearest_shares, norms
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import Polyline
 from cpmkit.meshing.insertion.constrained_triangulation import MOVABLE_SNAP_SHARE, SNAP_SHARE, ConstrainedTriangulation
@@ -176,7 +176,7 @@ def _insert_into_segments(vertices: Floats, cells: Ints, point: Floats) -> tuple
     It is an old vertex if that is within ``SNAP_SHARE`` lengths of the segment from the closest point.
     """
     start, way = vertices[cells[:, 0]], vertices[cells[:, 1]] - vertices[cells[:, 0]]
-    share = np.clip(dots(point - start, way) / dots(way, way), 0.0, 1.0)
+    share = nearest_shares(point - start, way)
     row = int(np.argmin(norms(start + share[:, None] * way - point)))
     t = share[row]
     if min(t, 1 - t) < SNAP_SHARE:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import dots, in_three_dimensions, norms, unit
+from cpmkit.manifold.vector_algebra import dots, in_three_dimensions, nearest_shares, norms, unit
 from cpmkit.types import Bools, Floats, Ints
 
 #: A boundary lies on an earlier boundary where their distance is below this share of the spacing.
@@ -134,10 +134,9 @@ class SimplifiedCurve:
         """
         loop = self.loop
         start, way = loop[:-1], np.diff(loop, axis=0)
-        square = np.maximum(dots(way, way), np.finfo(float).tiny)
         places = np.empty(len(points))
         for row, point in enumerate(points):
-            share = np.clip(dots(point - start, way) / square, 0.0, 1.0)
+            share = nearest_shares(point - start, way)
             segment = int(np.argmin(norms(start + share[:, None] * way - point)))
             places[row] = segment + share[segment]
         return places
