@@ -97,6 +97,8 @@ def load_plugin(kind: str) -> Any:
 @cache
 def _entry_point(kind: str) -> EntryPoint:
     """Return the entry point of ``kind``, read once; raise PluginError if no installed distribution declares it."""
+    if not isinstance(kind, str):
+        raise PluginError(f"the kind of a source must be its name, such as 'analytic.sphere', got {shown(kind)}.")
     for point in entry_points(group=KINDS_GROUP, name=kind):
         return point
     raise PluginError(_unknown_kind_message(kind))

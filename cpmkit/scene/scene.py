@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any, Generic
@@ -108,7 +108,8 @@ class Scene(Generic[Family]):
         object.__setattr__(self, "problem", arrays.replace_arrays(self.problem, self.problem.kind))
         object.__setattr__(self, "edge", map_conditions(self.edge, lambda one: arrays.replace_arrays(one, "the edge")))
         boundaries = []
-        for each in (as_boundary(boundary).on(self.surface) for boundary in self.boundaries):
+        given = self.boundaries if isinstance(self.boundaries, Iterable) else [self.boundaries]
+        for each in (as_boundary(boundary).on(self.surface) for boundary in given):
             old = each.given_conditions
             new = {side: arrays.replace_arrays(condition, f"boundary {each.name!r}") for side, condition in old.items()}
             boundaries.append(each if all(new[side] is old[side] for side in old) else replace(each, **new))
@@ -232,6 +233,8 @@ def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str
     missing name keeps the old ones, None all of them. Raises SceneError if the scene has no such boundary, or a new
     condition differs in sides, parts, kind, factors or order.
     """
+    if not isinstance(data, Mapping | None):
+        raise SceneError(f"data must be a table of conditions by the names of boundaries, got {shown(data)}.")
     if problem is None and not data:
         return scene
     data = dict(data or {})

@@ -10,6 +10,7 @@ import numpy as np
 from cpmkit.errors import SceneError
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import source
+from cpmkit.runtime.arrays import as_points
 
 
 @runtime_checkable
@@ -97,7 +98,7 @@ def _poly_data_source(mesh: Any) -> ClosestPointSource:
 
 def _mesh_source(vertices: Any, faces: Any) -> ClosestPointSource:
     """Return the source of a mesh with ``vertices`` (n, 3); ``faces`` (m, k), or lists, are numbers of vertices."""
-    return source("mesh.triangles", vertices=np.asarray(vertices, dtype=np.float64), faces=faces)
+    return source("mesh.triangles", vertices=as_points(vertices, 3, "vertices"), faces=faces)
 
 
 def _cloud_source(points: Any, normals: Any) -> ClosestPointSource:

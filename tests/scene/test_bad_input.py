@@ -263,3 +263,24 @@ def test_a_tolerance_out_of_reach_says_what_was_reached():
 def test_an_unknown_solver(solver):
     with pytest.raises(ck.InputError, match="auto, direct, multigrid, jacobi, reference, or"):
         ck.solve(sphere_scene(), 0.3, solver=solver)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "part"),
+    [
+        (lambda: ck.source(3), ck.PluginError, "got 3"),
+        (lambda: sphere_scene(boundaries=None), ck.SceneError, "must be a list of cpmkit.Boundary"),
+        (lambda: sphere_scene(boundaries=3), ck.SceneError, "got 3"),
+        (lambda: sphere_scene(surface=("a", np.array([[0, 1, 2]]))), ck.InputError, "vertices must be numbers"),
+        (lambda: ck.prepare(sphere_scene(), 0.5).solve(data=[1]), ck.SceneError, "must be a table of conditions"),
+    ],
+)
+def test_values_of_another_kind_than_the_argument(call, error, part):
+    with pytest.raises(error) as caught:
+        call()
+    one_sentence(caught, part)
+
+
+def test_a_single_boundary_is_a_list_of_one():
+    pin = ck.Boundary("pin", ck.source("analytic.point", at=[0, 0, 1.0]), both=ck.Dirichlet(1.0))
+    assert sphere_scene(boundaries=pin).boundaries[0].name == "pin"

@@ -163,7 +163,7 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> 
     n = dof_map.size
     patches, width = dof_map.unknowns.shape
     starts, places = inverse_index(dof_map.unknowns.ravel(), n)
-    weight = np.bincount(dof_map.patch, samples.weights, minlength=patches)
+    weight: Floats = np.bincount(dof_map.patch, samples.weights, minlength=patches).astype(np.float64)
     heaviest = _heaviest_places(weight[places // width], starts, places)
     neighbours = [next_neighbours(dof_map.unknowns, n, stride, dof_map.width) for stride in dof_map.strides]
     runs_by_axis = [runs_of(*table, dof_map.width + 1) for table in neighbours]
