@@ -28,7 +28,6 @@ from cpmkit.plugin import ClosestPointSource, unit
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.messages import warn_each
-from cpmkit.solution.display_mesh import values_at_vertices
 from cpmkit.types import Bools, Floats
 
 #: Within so many spacings of an origin the straight distance is prescribed.
@@ -97,10 +96,6 @@ class Distance(Measured):
         if self.reached.all():
             return distance
         return np.where(self.reached[self.pieces.piece_numbers(self.solution.discretized, feet)], distance, np.inf)
-
-    def at_vertices(self) -> Floats:
-        """Return the distance (n,) at the vertices that the user gave, as ``Solution.at_vertices``, with its errors."""
-        return values_at_vertices(self.solution, self.evaluate)
 
     def path(self, start: Any) -> list[Floats]:
         """Return k shortest paths (m, d), each from one of the points ``start``, (k, d) or (d,), to the nearest origin.

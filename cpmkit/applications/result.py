@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -18,7 +19,8 @@ from cpmkit.plugin import Discretized
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.deprecation import DeprecatedMember
-from cpmkit.scenefile.look import LookKeywords
+from cpmkit.scenefile.look import LookKeywords, SavingKeywords
+from cpmkit.solution.display_mesh import values_at_vertices
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
@@ -36,11 +38,26 @@ class ColouredSolution(Solution):
         return self.mesh
 
 
+@dataclass(frozen=True, eq=False)
+class VertexValuedSolution(Solution):
+    """A solution that has an application's values at the vertices of the mesh from which its surface was made."""
+
+    result: Result = field(kw_only=True)  #: The result whose values they are.
+
+    def at_vertices(self, _side: Any = None) -> Floats:
+        """Return the values of the result at the vertices."""
+        return self.result.at_vertices()
+
+
 def with_colours(solution: Solution, colours: Floats) -> ColouredSolution:
     """Return ``solution`` with ``colours`` (v,) or (v, channels) at the vertices of its display mesh."""
-    attributes = {entry.name: getattr(solution, entry.name) for entry in fields(Solution)}
     values = np.asarray(colours, dtype=np.float64).reshape(len(colours), -1)
-    return ColouredSolution(**attributes, mesh=replace(solution.display_mesh(), values=values))
+    return ColouredSolution(**_members(solution), mesh=replace(solution.display_mesh(), values=values))
+
+
+def _members(solution: Solution) -> dict[str, Any]:
+    """Return the members of ``solution`` by name."""
+    return {entry.name: getattr(solution, entry.name) for entry in fields(Solution)}
 
 
 #: Corners of an arrow of length one about its centre: coordinates along it and across.
@@ -98,14 +115,30 @@ def with_arrows(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result:
+class Result(ABC):
     """The result of an application: read, saved and drawn as a solution."""
 
     solution: Solution  #: The solution that is read, saved and drawn.
 
-    def save(self, path: Any) -> None:
-        """Write the solution to the file ``path``, with the formats of :meth:`cpmkit.Solution.save`."""
-        self.solution.save(path)
+    @abstractmethod
+    def evaluate(self, points: Any) -> Floats:
+        """Return the values (n,) or (n, channels) of the result at the points of the manifold nearest to ``points``."""
+
+    def at_vertices(self) -> Floats:
+        """Return the values (n,) or (n, channels) of :meth:`evaluate` at the n vertices that the user gave.
+
+        Order, missing values and errors are as for :meth:`cpmkit.Solution.at_vertices`.
+        """
+        return values_at_vertices(self.solution, self.evaluate)
+
+    def save(self, path: Any, vertices: str = "display", **options: Unpack[SavingKeywords]) -> None:
+        """Write a file ``path`` with the formats, options and errors of :meth:`cpmkit.Solution.save`.
+
+        It holds the solution; with ``vertices="own"``, in formats of meshes, the values of :meth:`at_vertices`.
+        """
+        own = vertices == "own"
+        solution = VertexValuedSolution(**_members(self.solution), result=self) if own else self.solution
+        solution.save(path, vertices, **options)
 
     def picture(self, path: Any, **options: Unpack[LookKeywords]) -> Any:
         """Draw the result into the PNG file ``path``, with the options of :meth:`cpmkit.Solution.picture`."""

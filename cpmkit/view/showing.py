@@ -88,7 +88,7 @@ def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, l
     """Return the mesh, pairs (name, values (v,) or (v, 1), or colours (v, 3)), and the bar, None with colours."""
     if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
         mesh = solution.display_mesh()
-        return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), mode_bar(mesh, look)
+        return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), mode_bar(mesh.values, look)
     look = replace(look, vectors=False, isolines=Look.isolines)
     if isinstance(solution, EvolvedRecord) and solution.frames and look.field != "error":
         meshes = solution.frame_meshes()

@@ -10,6 +10,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import geodesic_distance
+from cpmkit.errors import InputError
 from cpmkit.preparing import Prepared
 
 SPHERE = ck.source("analytic.sphere")
@@ -180,7 +181,7 @@ def test_distances_are_infinite_behind_a_barrier() -> None:
     assert np.isinf(distance.evaluate([[0, 0, -1], [0.6, 0, 0.8], [0.6, 0, -0.8]])).tolist() == [True, False, True]
 
 
-def test_the_distance_at_vertices_is_that_of_evaluate_in_their_order():
+def test_the_distance_at_vertices_is_that_of_evaluate_in_their_order_and_is_saved(tmp_path):
     import trimesh
 
     ball = trimesh.creation.icosphere(3)
@@ -189,3 +190,11 @@ def test_the_distance_at_vertices_is_that_of_evaluate_in_their_order():
     assert found[0] == 0.0
     np.testing.assert_allclose(found, distance.evaluate(ball.vertices))
     assert np.abs(found - np.arccos(np.clip(ball.vertices @ ball.vertices[0], -1, 1))).max() < 0.05
+    distance.save(tmp_path / "own.ply", vertices="own")
+    saved = trimesh.load(tmp_path / "own.ply", process=False)
+    np.testing.assert_array_equal(saved.metadata["_ply_raw"]["vertex"]["data"]["u"].ravel(), found)
+    np.testing.assert_array_equal(saved.faces, ball.faces)
+    distance.save(tmp_path / "smooth.npz", vertices="display")
+    assert np.load(tmp_path / "smooth.npz")["values"].min() > 0.01  # the solution is smooth at the origin
+    with pytest.raises(InputError, match="was not made from vertices"):
+        geodesic_distance(_sphere(0.4), [0, 0, 1], method="heat").save(tmp_path / "own.ply", vertices="own")

@@ -90,3 +90,21 @@ def test_data_that_are_zero_but_for_rounding_are_resolved(form, turn):
     solution = ck.solve(ck.Scene(plate, ck.Laplace(), edge=edge), 0.1, form=form)
     assert not [text for text in solution.warnings if "varies within a spacing" in text]
     assert solution.evaluate([[0.3 * c - 0.4 * s, 0.3 * s + 0.4 * c, 0]])[0] == pytest.approx(0.3, abs=1e-3)
+
+
+def test_noise_at_vertices_that_the_equation_smooths_over_two_spacings_is_not():
+    """At half the length of smoothing u is known to a tenth of its size (linear elements on the mesh agree)."""
+    ball, length = pytest.importorskip("trimesh").creation.icosphere(5), 0.6
+    surface = ck.source("mesh.triangles", vertices=ball.vertices, faces=ball.faces)
+    noise = np.random.default_rng(0).normal(size=len(ball.vertices))
+    blur = ck.ScreenedPoisson(noise / length**2, c=1 / length**2)
+    exact, errors = ck.solve(ck.Scene(surface, blur), 0.1).at_vertices(), []
+    for spacing, warned in ((0.6, True), (0.3, False), (0.15, False)):
+        solution = ck.solve(ck.Scene(surface, blur), spacing)
+        assert bool(told(solution)) == warned
+        errors.append(np.sqrt(np.mean((solution.at_vertices() - exact) ** 2) / np.mean(exact**2)))
+    assert errors[0] > 1.5 * errors[1] > 2.25 * errors[2]
+    assert errors[1] < 0.15
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(ck.VertexData(surface, noise / length**2), c=1 / length**2))
+    assert told(ck.solve(scene, 0.3))  # the values are read on another mesh
+    assert told(ck.solve(ck.Scene(surface, blur), 0.3, form="collocation"))

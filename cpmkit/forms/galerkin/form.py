@@ -303,7 +303,7 @@ class Galerkin(EquationAssembly, Discretized):
             *resolved,
             *(outflow_layer_warnings(self.terms_of_scene) if self.scene_advection is not None else ()),
             *self.resolution.tensor_layer_warnings(),
-            *data_warnings(self, data, self.space.finest_spacing),
+            *data_warnings(self, data, self.space.finest_spacing, len(mesh.vertices)),
         )
 
     def diagnosis(

@@ -29,6 +29,11 @@ def length_of(curve):
     return np.linalg.norm(vertices[segments[:, 1]] - vertices[segments[:, 0]], axis=1).sum()
 
 
+def perimeter(piece):
+    points = np.concatenate([piece.points, piece.points[: int(piece.closed)]])
+    return np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+
+
 def chords(radius, count):
     """Return the length of a regular polygon inscribed in a circle."""
     return 2 * count * radius * np.sin(np.pi / count)
@@ -36,6 +41,9 @@ def chords(radius, count):
 
 def assert_is_section(curve, surface, point, normal, length):
     assert length_of(curve) == pytest.approx(length, rel=1e-9)
+    lengths = [perimeter(piece) for piece in curve.pieces]
+    assert sum(lengths) == pytest.approx(length, rel=1e-9)
+    assert (np.diff(lengths) < 1e-9 * length).all()
     vertices, segments = curve.mesh(1.0)
     assert np.abs((vertices - point) @ normal).max() < 1e-6
     assert surface.closest_point(vertices).distance.max() < 1e-9

@@ -23,6 +23,7 @@ from cpmkit.plugin import (
     source_repr,
     unit,
 )
+from cpmkit.plugin import Polyline as Piece
 from cpmkit_mesh.box_tree import BoxTree, build_tree, find_nearest
 from cpmkit_mesh.mesh_files import as_numbers
 from cpmkit_mesh.polyline_files import read_polyline
@@ -76,6 +77,15 @@ class Polyline:
     def closed(self) -> bool:
         """Whether every chain is closed."""
         return bool((self.ends < 0).all())
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """The chains, each with ``points`` (k, d) and ``closed``: those of a cut or of edges with the longest first."""
+        last = np.ones(len(self.vertices), dtype=bool)
+        last[self.segments[self.segments[:, 1] == self.segments[:, 0] + 1, 0]] = False
+        bounds = np.flatnonzero(last)[:-1] + 1
+        chains = zip(np.split(self.vertices, bounds), np.split(self.ends, bounds), strict=True)
+        return [Piece(points, bool(ends[0] < 0)) for points, ends in chains]
 
     @property
     def bounds(self) -> Floats:
