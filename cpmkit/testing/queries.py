@@ -28,7 +28,7 @@ class ConformanceCase:
     name: str  #: Name that distinguishes the cases of a kind.
     make: Callable[[], ClosestPointSource]  #: Function without arguments that returns the source.
     #: ``samples(rng, n)`` returns points (n, d) that lie on the manifold, found without closest points: with them the
-    #: laws detect every foot that is not the nearest.
+    #: laws detect a foot that is farther away than one of the points.
     samples: Callable[[np.random.Generator, int], Floats] | None = None
     #: For a source that is not exact: the distance from the manifold up to which feet are meant to be accurate.
     #: ``None``: anywhere.
