@@ -22,7 +22,7 @@ from cpmkit.forms import form_records
 from cpmkit.forms.data_checks import Imbalance, balanced_solution, free_pieces
 from cpmkit.linear.operators import Border, Bordered, Operator, Stiffness
 from cpmkit.linear.residuals import SolveReport
-from cpmkit.manifold.abilities import advice_of
+from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.data import Data, evaluate_data
@@ -310,9 +310,10 @@ class Discretized(FormValues):
         """Return the error that the representation of the manifold leaves at any spacing, as a share of u's range.
 
         ``difference`` is the root mean square difference, as a share of the range, from the solution on the flat
-        triangles of a mesh that is read as smooth, None where unknown; the default ignores it.
+        triangles of a mesh that is read as smooth, None where unknown. The default ignores it: it is the source's own
+        estimate for integrals.
         """
-        return advice_of(self.scene.surface, self.spacing).floor
+        return integral_floor_of(self.scene.surface, self.spacing)
 
     def work(self, operator: Operator, report: SolveReport | None) -> form_records.MeasuredWork:
         """Return the measures of the work of a solve of ``operator``; ``report`` is None if no solver was called."""

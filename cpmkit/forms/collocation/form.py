@@ -31,6 +31,7 @@ from cpmkit.forms.form_records import Diagnosis, FormTraits
 from cpmkit.forms.options import Options
 from cpmkit.linear.operators import Border, Bordered, Operator, Stiffness
 from cpmkit.linear.residuals import SolveReport
+from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import StateDiffusivity
@@ -230,11 +231,15 @@ class Collocation(Reader):
         """
         u, defects = super().remove_constants(operator, b, u)
         if isinstance(operator, Bordered):
-            defects = describe_imbalances(self.tables, self.scene, operator, defects)
+            defects = describe_imbalances(self.tables, self.scene, operator, defects, self.source_error())
         u, means = correct_means(self.tables, self.scene, b, u)
         return u, (*defects, *means)
 
     # Diagnosis
+
+    def source_error(self, difference: float | None = None) -> float:
+        """Return the error, a share of u's range, that the source states for its closest points."""
+        return advice_of(self.scene.surface, self.spacing).floor
 
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings about the manifold, boundaries and data that the spacing does not resolve."""

@@ -114,3 +114,14 @@ def test_the_floor_is_a_share_whatever_the_cloud():
     assert points(points=np.random.default_rng(0).uniform(size=(500, 3)), closed=False).advice(1e-3).floor <= 1.0
     even = points(points=sphere_samples(500))
     assert even.advice(0.1).floor == pytest.approx(even.translate(np.array([5.0, 0, 0])).advice(0.1).floor, rel=1e-6)
+
+
+@pytest.mark.parametrize("spacing", [0.2, 0.1])
+def test_data_that_balance_but_for_the_noise_are_accepted_and_others_are_not(spacing):
+    cloud = random_cloud(5000, 0.01, neighbours=50)
+    solution = ck.solve(ck.Scene(cloud, ck.Poisson("x")), spacing)
+    (imbalance,) = solution.imbalances
+    assert imbalance.relative > 10 / len(solution.discretized.points)  # more than the spacing explains
+    assert not solution.warnings
+    with pytest.warns(ck.CpmkitWarning, match="the source's error explain"):
+        ck.solve(ck.Scene(cloud, ck.Poisson("x + 0.02")), spacing)
