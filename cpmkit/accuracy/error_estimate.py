@@ -18,6 +18,8 @@ from cpmkit.types import Floats
 
 #: Largest range of a constant solution, as a share of its size: rounding.
 ROUNDING_SHARE = 1e-12
+#: The error due to the source is not printed below this share of the estimated error.
+NEGLIGIBLE_FLOOR = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +51,24 @@ class ErrorEstimate:
 
     @property
     def bound(self) -> Floats:
-        """Twice the largest error plus that due to the source (channels,), in the solution's unit; rarely exceeded."""
-        return np.asarray(2.0 * self.error + self.floor * self.unit)
+        """Twice the largest error plus that due to the source (channels,), in the solution's unit; rarely exceeded.
+
+        The error due to the source counts three times unless it is a bound: estimates of it are off by that factor.
+        """
+        return np.asarray(2.0 * self.error + (1.0 if self.floor_is_bound else 3.0) * self.floor * self.unit)
+
+    @property
+    def floor_is_bound(self) -> bool:
+        """Whether ``floor`` is a bound: that of a mesh read as smooth, unless the source's own estimate is larger."""
+        form = self.solution.discretized
+        return bool(form.source_error(0.0) < min(self.floor.max(), form.source_error()))
+
+    def floor_in_words(self, factor: float = 1.0, unit: str = "") -> str:
+        """Return the error due to the source times ``factor``, with "about" or "at most"; "" if it is negligible."""
+        if self.floor.max() <= NEGLIGIBLE_FLOOR * self.rms.max():
+            return ""
+        about = "at most" if self.floor_is_bound else "about"
+        return f", beside {about} {factor * self.floor.max():.2g}{unit} that the source leaves"
 
     @property
     def coarse(self) -> SolutionRecord:
@@ -87,13 +105,14 @@ class ErrorEstimate:
         return {**arrays, "in_time": self.in_time, "slow": self.slow, "held_against_spacings": spacings}
 
     def __str__(self) -> str:
-        """Return the error, its bound and its place in one sentence."""
+        """Return the error, what it rarely exceeds, its place, and the error due to the source in one sentence."""
         errors = ", ".join(f"{error:.2g}" for error in self.error)
         rms = ", ".join(f"{100 * share:.2g}" for share in self.rms)
         spacing = self.solution.spacing
         return (
-            f"largest error about {errors} at spacing {spacing:g}, at most {float(self.bound.max()):.2g}, "
-            f"near {place(self.at)}; root mean square {rms} percent of the range{'; ' if self.slow else ''}{self.slow}"
+            f"largest error about {errors} at spacing {spacing:g}, rarely above {float(self.bound.max()):.2g}, "
+            f"near {place(self.at)}; root mean square {rms} percent of the range"
+            f"{self.floor_in_words(100.0, ' percent')}{'; ' if self.slow else ''}{self.slow}"
         )
 
 

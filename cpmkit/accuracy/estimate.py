@@ -48,6 +48,8 @@ def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool
     coarsest = coarse_solutions[-1]
     in_time = error_in_time(coarsest, solve_at)
     estimate = estimate_from(solution, coarse_solutions, in_time, alone=estimate_alone(solution))
+    if not isinstance(scene.surface, HasFacets):
+        return estimate
     negligible = 0.5 * estimate.of("rms")
     floor = measured_source_error(coarsest, lambda scene: solve_at(scene, coarsest.spacing), negligible)
     return replace(estimate, floor=np.full(len(estimate.unit), floor))

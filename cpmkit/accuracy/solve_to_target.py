@@ -185,9 +185,10 @@ def search_solution(run: AdaptiveRun) -> SolutionRecord:
     """
     status, aim = search_spacing(run)
     best = run.last if status in ("reached", "floor") else run.best
-    answer, estimate = run.with_scene_modes(best.solution), best.estimate
-    if estimate is not None and run.measured_floor is not None:
-        estimate = replace(estimate, floor=np.full(len(estimate.unit), run.measured_floor))
+    answer = run.with_scene_modes(best.solution)
+    if best.estimate is not None and run.measured_floor is not None:
+        floor = np.full(len(best.estimate.unit), run.measured_floor)
+        best = replace(best, estimate=replace(best.estimate, floor=floor))
     history = SolveHistory(
         run.target,
         status,
@@ -199,7 +200,7 @@ def search_solution(run: AdaptiveRun) -> SolutionRecord:
         _degree_sentence(run, best),
     )
     warnings = (history.summary,) if status in ("floor", "not reached") or run.failure is not None else ()
-    return replace(answer, estimated=estimate, solve_history=history, warnings=(*answer.warnings, *warnings))
+    return replace(answer, estimated=best.estimate, solve_history=history, warnings=(*answer.warnings, *warnings))
 
 
 def _check_target_options(scene: Scene, options: Mapping[str, Any]) -> None:
@@ -234,6 +235,8 @@ def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: fl
     size, norm = best.error, {"rms": "root mean square", "max": "largest error"}[target.norm]
     error = f"{norm} not known {where}" if math.isnan(size) else f"{norm} about {size:.2g} of the range {where}"
     slow = f"; {estimate.slow}" if estimate is not None and estimate.slow else ""
+    if estimate is not None and status != "floor":
+        error += estimate.floor_in_words()
     if run.failure is not None:
         why = str(run.failure) or f"memory ran out ({type(run.failure).__name__})."
         return f"{target.target} not reached: {error}{slow}; a further solve was refused: {why}"
@@ -246,8 +249,9 @@ def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: fl
         return f"tolerance {target.tolerance:g} reached: {error}{slow}."
     if status == "floor":
         causes = " ".join(advice_of(run.scene.surface, best.spacing).warnings)
+        about = "at most" if estimate is not None and estimate.floor_is_bound else "about"
         return (
-            f"tolerance {target.tolerance:g} is below what the surface's representation alone may leave, at most "
+            f"tolerance {target.tolerance:g} is below what the surface's representation alone may leave, {about} "
             f"{aim:.1g} of the range at any spacing: {error}{slow}; give a more accurate surface."
             f"{' ' if causes else ''}{causes}"
         )

@@ -47,8 +47,8 @@ class Explanation:
     closest_point_queries: int | None
     bytes: int  #: Peak of tables and vectors; after a dry run right to a factor of 2, otherwise of ``off_by``.
     #: The error that the representation of the manifold leaves at any spacing, as a share of the solution's range,
-    #: right to a factor of 3. For a mesh, a cloud or samples it is the source's own estimate; in the form
-    #: ``collocation`` rounding and noise of closest points add ``6 noise / spacing``.
+    #: right to a factor of 3 unless ``floor_is_bound``: the source's own estimate; in the form ``collocation`` rounding
+    #: and noise of closest points add ``6 noise / spacing``.
     floor: float
     solver: str  #: Name of the linear solver.
     exact: bool  #: Whether the counts come from a discretisation at the spacing itself.
@@ -59,6 +59,8 @@ class Explanation:
     seconds: float | None = None
     #: Without a dry run: the factor within which the unknowns are right, and the bytes if the solver is.
     off_by: float | None = None
+    #: Whether ``floor`` is a bound, that of a mesh read as smooth after a dry run, which may be far above the error.
+    floor_is_bound: bool = False
 
     told = DeprecatedMember("warnings")
 
@@ -97,7 +99,7 @@ class Explanation:
         lines += [f"memory at the peak     about {self.bytes / 2**20:,.1f} MiB"]
         if self.seconds is not None:
             lines.append(f"seconds on this machine about {self.seconds:.2g}")
-        about = "about" if self.off_by else "at most"
+        about = "at most" if self.floor_is_bound else "about"
         lines.append(f"error of the source    {about} {self.floor:.0e} of the solution's range, at any spacing")
         if self.warnings:
             lines += ["", *self.warnings]

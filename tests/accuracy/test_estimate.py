@@ -39,10 +39,31 @@ def test_what_the_source_leaves_is_that_of_the_form(form):
     estimate = ck.estimate_error(scene, 0.2, form=form, solver="direct")
     floor = ck.explain(scene, 0.2, form=form, dry_run=True).floor
     assert floor > 1e-6
+    assert f"beside {'at most' if form == 'galerkin' else 'about'} " in str(estimate)
     if form == "collocation":
         assert estimate.floor[0] == pytest.approx(floor, rel=0.1)
     else:  # by a solution on the triangles, which differs by less than the areas
         assert floor / 4 < estimate.floor[0] < min(floor, 2e-3)
+
+
+def test_a_printed_estimate_says_what_a_noisy_cloud_leaves():
+    """A cloud estimates its own error, so that nothing printed is called a bound; a mesh has a bound."""
+    rng = np.random.default_rng(0)
+    points = sphere_points()
+    scan = rng.normal(size=(5000, 3))
+    scan *= (1 + 0.01 * rng.normal(size=(5000, 1))) / np.linalg.norm(scan, axis=1, keepdims=True)
+    scene = ck.Scene(ck.source("pointcloud.points", points=scan, neighbours=50), ck.ScreenedPoisson("3*z"))
+    solution = ck.solve(scene, 0.1)
+    true, estimate = solution.evaluate(points) - points[:, 2], solution.error
+    assert estimate.rms[0] < 0.1 * estimate.floor[0]  # the difference of two spacings sees nothing of the noise
+    assert np.abs(true).max() < estimate.bound[0]
+    assert f"beside about {100 * estimate.floor[0]:.2g} percent that the source leaves" in str(estimate)
+    assert "at most" not in str(estimate) + str(ck.explain(scene, 0.1)) + str(ck.explain(scene, 0.1, dry_run=True))
+    reached = ck.solve(scene, tolerance=3e-3).solve_history
+    assert reached.status == "reached"
+    assert "beside about" in reached.summary
+    with pytest.warns(ck.CpmkitWarning, match=r"may leave, about .* of the range at any spacing"):
+        ck.solve(scene, tolerance=1e-5)
 
 
 @pytest.mark.parametrize("degree", [2, 3])

@@ -105,6 +105,7 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
             chosen,
             exact,
             form.warnings() if exact else (),
+            floor_is_bound=form.source_error() > form.source_error(0.0),
         )
 
     def _parts(self, form: Galerkin, counts: Mapping[str, int]) -> list[Part]:
