@@ -11,6 +11,13 @@ from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.testing.queries import Subject, certain_rows, law, require, require_refusal, require_rows, symmetric_points
 from cpmkit.types import Floats
 
+#: Step from a foot to points around it, and least step along the manifold from a foot to a query beyond, over the size.
+AROUND_SHARE, AWAY_SHARE = 1e-4, 1e-3
+#: The manifold is flat where the feet of points around leave the tangent space by less than a share of their spread; a
+#: query is beyond the foot if its direction has a tangential part; the manifold ends if those feet have a mean: by
+#: symmetry 0 inside, and about 0.3 steps at a straight rim.
+FLAT_SHARE, BEYOND_SHARE, ONE_SIDED_SHARE = 0.05, 0.3, 0.05
+
 
 @law()
 def check_statement(subject: Subject) -> None:
@@ -85,6 +92,30 @@ def check_edge(subject: Subject, x: Floats) -> None:
     limit = {0: 0, 1: 2}.get(subject.source.manifold_dim, limit)
     edge = subject.feet(x).edge
     require_rows((edge >= -1) & (edge < limit), x, f"The limit of edge is {limit}, and it is", edge)
+
+
+@law("near", together=True)
+def check_rims(subject: Subject, x: Floats) -> None:
+    """A foot is on an edge, ``edge >= 0``, where its query lies beyond it along the manifold; there the manifold ends.
+
+    Feet at which the manifold is not flat are left out: at creases, corners and junctions.
+    """
+    m, dim, step = subject.source.manifold_dim, subject.source.dim, AROUND_SHARE * subject.size
+    if not m:
+        return
+    feet = subject.feet(x)
+    x, feet = x[certain_rows(feet)], feet.take(certain_rows(feet))
+    steps = step * np.random.default_rng(0).normal(size=(8, dim))
+    around = feet.points[:, None] + np.concatenate([steps, -steps])
+    offsets = subject.source.closest_point(around.reshape(-1, dim)).points.reshape(around.shape) - feet.points[:, None]
+    spread, axes = np.linalg.svd(offsets, full_matrices=False)[1:]
+    flat = (spread[:, m - 1] > step) & (spread[:, m:] < FLAT_SHARE * spread[:, [m - 1]]).all(axis=1)
+    along = np.linalg.norm(np.einsum("nkd,nd->nk", axes[:, :m], x - feet.points), axis=1)
+    least = np.maximum(AWAY_SHARE * subject.size, (BEYOND_SHARE + subject.case.turning_angle) * feet.distance)
+    inside = ~flat | (along < least)
+    require_rows(inside | (feet.edge >= 0), x, "The query lies beyond an end of the manifold, and edge is", feet.edge)
+    ends = ~flat | (np.linalg.norm(offsets.mean(axis=1), axis=1) > ONE_SIDED_SHARE * step)
+    require_rows(ends | (feet.edge < 0), x, "The manifold does not end at the foot, and edge is", feet.edge)
 
 
 @law("near unless exact", together=True)

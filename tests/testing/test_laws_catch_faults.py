@@ -358,6 +358,27 @@ class ThousandthEdge(Circle):
         return replace(feet, edge=np.full(len(feet), 1000))
 
 
+class EndsWithoutNumber(Circle):
+    """The upper half of the circle; its two ends are on no edge."""
+
+    def nearest(self, x):
+        y = x - self.center
+        return self.center + directions(np.where(y[:, 1:] > 0, y, np.where(y[:, :1] < 0, [-1.0, 0.0], [1.0, 0.0])))
+
+
+class NumberedEnds(EndsWithoutNumber):
+    def closest_point(self, x):
+        feet = super().closest_point(x)
+        below = feet.points[:, 1] <= self.center[1]
+        return replace(feet, edge=np.where(below, (feet.points[:, 0] < self.center[0]).astype(int), -1))
+
+
+class EdgeEverywhere(Circle):
+    def closest_point(self, x):
+        feet = super().closest_point(x)
+        return replace(feet, edge=np.zeros(len(feet), dtype=int))
+
+
 class OddLimit(Circle):
     edge_limit = 1001
 
@@ -375,6 +396,7 @@ FAULTS = {
     "input_untouched": [Scribbler],
     "batches": [SortsItsBatch],
     "bad_input": [AnswersNaN, RaisesValueError],
+    "rims": [EndsWithoutNumber, EdgeEverywhere],
     "edge": [TooManyEnds, ThousandthEdge, OddLimit],
     "idempotence": [HalfWay],
     "lipschitz": [SquaredDistance],
@@ -407,6 +429,10 @@ def case(source: type[Circle], samples: bool = True) -> ConformanceCase:
 def test_a_source_without_faults_keeps_all_laws() -> None:
     run_laws(case(Circle))
     run_laws(case(Circle, samples=False))
+
+
+def test_ends_that_have_numbers_keep_the_law_of_rims() -> None:
+    next(law for law in LAWS if law.__name__ == "check_rims")(case(NumberedEnds, samples=False))
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)

@@ -187,7 +187,9 @@ def _rim_conditions(
         loops = np.unique(loop_of).tolist()
         missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(loops))
         if missing:
-            named = f"its loops are {', '.join(map(str, loops))}" if loops else "it is closed"
+            numbers = ", ".join(str(loop) for loop in loops if loop >= 0)
+            unnumbered = "its source gives no edge a number, `edge` is -1 on the rim" if loops else "it is closed"
+            named = f"its loops are {numbers}" if numbers else unnumbered
             raise SceneError(
                 f"`edge` gives a condition for loop {missing[0]}, and the manifold has no such loop: {named}; leave it "
                 "out, or correct the number."

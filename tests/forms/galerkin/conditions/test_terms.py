@@ -203,6 +203,17 @@ def test_tables_of_edges_fit_the_loops(edge, sentence):
         plain(ck.Scene(SURFACE, ck.Laplace(), edge=edge))
 
 
+def test_a_source_that_numbers_no_edge_is_told_so():
+    class Unnumbered:
+        dim, manifold_dim, exact, bounds = 3, 2, True, SURFACE.bounds
+
+        def closest_point(self, x):
+            return replace(SURFACE.closest_point(x), edge=np.full(len(x), -1))
+
+    with pytest.raises(SceneError, match="no such loop: its source gives no edge a number"):
+        ck.solve(ck.Scene(Unnumbered(), ck.Laplace(), edge={0: ck.Dirichlet(0.0)}), 0.5)
+
+
 def test_an_edge_that_is_not_there_has_no_condition():
     cut = ck.Boundary("cut", ck.source("analytic.point", at=[1.0, 0.0]), both=ck.Dirichlet(2.0))
     scene = ck.Scene(ck.source("analytic.circle"), ck.Laplace(), [cut], edge=ck.Dirichlet(1.0))
