@@ -216,9 +216,8 @@ def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
     surface = localize(scene.surface, origin)
     check_numbered(surface.bounds, options.spacing)
     at_surface = model.band_unknowns(surface)
-    at_boundaries = [
-        model.boundary_share * model.band_unknowns(localize(boundary.source, origin)) for boundary in scene.boundaries
-    ]
+    sources = [localize(boundary.source, origin) for boundary in scene.boundaries]
+    at_boundaries = [model.boundary_shares[one.largest_dim > 0] * model.band_unknowns(one) for one in sources]
     unknowns = at_surface + sum(at_boundaries)
     chosen = model.choose_solver(solver, unknowns)
     model.check_fits(unknowns, chosen)

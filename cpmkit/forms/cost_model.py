@@ -145,8 +145,8 @@ class CostModel(ABC, Generic[Own]):
 
     #: The largest spacing, as a share of the largest side of the manifold's bounds.
     coarsest_share: ClassVar[float]
-    #: Unknowns that a boundary adds, over those of a band around the boundary alone.
-    boundary_share: ClassVar[float]
+    #: Unknowns that boundaries of dimension 0, points, and of 1 or 2 add, over those of a band around them alone.
+    boundary_shares: ClassVar[tuple[float, float]]
     #: The solver that needs less memory than a factorisation.
     smaller_solver: ClassVar[str]
 
@@ -198,9 +198,7 @@ class CostModel(ABC, Generic[Own]):
         return {name: round(max(growth.count_at(self.options.spacing), fine[name])) for name, growth in growths.items()}
 
     def band_unknowns(self, source: LocalSource) -> float:
-        """Return the approximate number of unknowns in a closest point band around ``source``; 0 around points."""
-        if source.largest_dim == 0:
-            return 0.0
+        """Return the approximate number of unknowns in a closest point band around ``source``."""
         degree: int = getattr(self.options.own, "degree")  # noqa: B009
         levels = cell_levels(source, self.options.spacing, base_offset(degree))
         side, blocks = next((side, blocks) for side, blocks in levels if side == 1 or len(blocks) > COUNTED_CELLS)

@@ -53,6 +53,20 @@ def test_unknowns_are_within_a_factor_of_two(name, form):
         assert 1 / explanation.off_by < explanation.bytes / counted.bytes < explanation.off_by
 
 
+@pytest.mark.parametrize("degree", [2, 3, 5])
+@pytest.mark.parametrize("surface", [SPHERE, ck.source("analytic.circle", normal=[1, 0, 0])], ids=["sphere", "circle"])
+def test_the_ghosts_of_a_point_are_within_it_too(surface, degree):
+    pin = ck.Boundary("pin", ck.source("analytic.point", at=[0, 0, 1.0]), both=ck.Dirichlet(1.0))
+    scene, options = ck.Scene(surface, SCREENED, [pin]), {"form": "collocation", "degree": degree}
+    counts = []
+    for dry_run in (False, True):
+        parts = ck.explain(scene, 0.1, dry_run=dry_run, **options).parts
+        (amount,) = (part.amount for part in parts if "'pin'" in part.name)
+        counts.append(int(amount.removeprefix("about ")))
+    assert 0.5 < counts[0] / counts[1] < 2
+    assert any("about 0" in part.amount for part in ck.explain(scene, 0.1, form="galerkin").parts)
+
+
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])
 def test_a_real_mesh_is_within_it_too(real_mesh, form):
     scene = ck.Scene(ck.source("mesh.triangles", file=real_mesh("spot.obj")), SCREENED)

@@ -42,7 +42,7 @@ class CollocationCost(CostModel[CollocationOptions]):
     """The number of unknowns, the solver and the memory of a scene in the collocation form."""
 
     coarsest_share: ClassVar[float] = COARSEST_BAND_SHARE
-    boundary_share: ClassVar[float] = 2.0
+    boundary_shares: ClassVar[tuple[float, float]] = 2.0, 2.0
     smaller_solver: ClassVar[str] = "reference"
 
     def choose_solver(self, target: str, unknowns: float) -> str:

@@ -48,7 +48,7 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
     """Unknowns, solver and memory of a scene in the Galerkin form."""
 
     coarsest_share: ClassVar[float] = COARSEST_SPACING_SHARE
-    boundary_share: ClassVar[float] = 1.0
+    boundary_shares: ClassVar[tuple[float, float]] = 0.0, 1.0
     smaller_solver: ClassVar[str] = "multigrid"
 
     def choose_solver(self, target: str, unknowns: float) -> str:
