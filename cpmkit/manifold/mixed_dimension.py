@@ -17,8 +17,8 @@ from cpmkit.types import Floats
 def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> list[str]:
     """Return a list with a warning if members of a union, of different dimension, are within 4 spacings, else [].
 
-    With ``spacing`` zero these are members that touch, up to rounding. The warning states the place of the nearest
-    joint, and the consequence for a solution on a band.
+    With ``spacing`` zero these are members that touch, up to rounding. The warning states the places of the nearest
+    pair, and the consequence for a solution on a band.
     """
     members = members_of(surface)
     touching = 1e-6 * float(np.ptp(np.asarray(surface.bounds, dtype=np.float64), axis=0).max())
@@ -29,44 +29,59 @@ def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> l
     for pair in combinations(range(len(members)), 2):
         lower, higher = sorted(pair, key=lambda number: largest_dim(members[number]))
         if largest_dim(members[lower]) != largest_dim(members[higher]):
-            gap, point = _nearest_approach(members[lower], members[higher], within, touching)
-            joints += [(gap, lower, higher, point)] if gap <= within else []
+            gap, places = _approaches(members[lower], members[higher], within, touching)
+            joints += [(gap, lower, higher, places)] if len(places) else []
     if not joints:
         return []
-    gap, lower, higher, point = min(joints, key=lambda joint: joint[:3])
+    gap, lower, higher, places = min(joints, key=lambda joint: joint[:3])
+    near = " and ".join([*map(place, places[:3]), *([f"{len(places) - 3} more"] if len(places) > 3 else [])])
     meets = "meet" if gap == 0 else f"come within {gap:.2g} of each other"
     more = f", as do {len(joints) - 1} more pairs" if len(joints) > 1 else ""
     dimensions = [largest_dim(members[number]) for number in (lower, higher)]
     words = [MANIFOLD_WORDS[-1 if dimension == surface.dim else dimension] for dimension in dimensions]
     return [
-        f"Members {lower} ({words[0]}) and {higher} ({words[1]}) of the union {meets} near {place(point)}{more}: no "
+        f"Members {lower} ({words[0]}) and {higher} ({words[1]}) of the union {meets} near {near}{more}: no "
         "law of the equation holds where parts of different dimension meet, and what flows from one to the other is "
         "decided by the spacing; the solution is right only if nothing flows there, and its error has no estimate; "
-        "solve the parts separately: a curve with a value at its end, a surface without, or with it on a small circle."
+        "solve the parts separately: a curve with a value at the joint, at its end or at a boundary point, a surface "
+        "without, or with it on a small circle."
     ]
 
 
-def _nearest_approach(
+def _approaches(
     lower: ClosestPointSource, higher: ClosestPointSource, within: float, touching: float
 ) -> tuple[float, Floats]:
-    """Return the distance between two members and the point (d,) of ``lower`` nearest to ``higher``.
+    """Return the places (k, d) of ``lower`` where two members meet, or else come ``within`` a distance, and how near.
 
-    They are found by alternating projections from 64 of about 1000 starting points, which may miss a nearer place. A
-    distance up to ``touching`` is 0. It is infinite, the point arbitrary, if boxes are 2 ``within`` apart on an axis.
+    The places, in a fixed order, at least ``within`` and 2 percent of the bounds apart, are found by alternating
+    projections from up to 64 of about 1000 points, which may miss some. A distance up to ``touching`` is 0.
     """
     boxes = np.array([lower.bounds, higher.bounds], dtype=np.float64)
     low, high = boxes[:, 0].max(axis=0) - within, boxes[:, 1].min(axis=0) + within
     if (low > high).any():
-        return np.inf, low
+        return np.inf, np.zeros((0, lower.dim))
+    size = float(np.ptp(boxes, axis=(0, 1)).max())
     axes = np.linspace(low, high, round(1000 ** (1 / lower.dim))).T
     x = lower.closest_point(np.array([*product(*axes)])).points
     y = higher.closest_point(x).points
-    nearest = np.argsort(norms(y - x))[:64]
-    x, y = x[nearest], y[nearest]
-    for _ in range(50):
-        if norms(y - x).min() <= touching:
-            return 0.0, x[norms(y - x).argmin()]
+    starts = _distinct(x, norms(y - x), 0.01 * size)[:64]
+    x, y = x[starts], y[starts]
+    for _ in range(200):
+        if norms(y - x).max() <= touching:
+            break
         x = lower.closest_point(y).points
         y = higher.closest_point(x).points
-    gap = norms(y - x)
-    return float(gap.min()), x[gap.argmin()]
+    gap = np.where(norms(y - x) <= touching, 0.0, norms(y - x))
+    x, gap = (each[gap <= (within if gap.min() > 0 else 0.0)] for each in (x, gap))
+    chosen = _distinct(x, gap, max(within, 0.02 * size))
+    x, gap = x[chosen], gap[chosen]
+    return float(gap.max(initial=0.0)), x[np.lexsort(np.round(x / size, 6).T[::-1])]
+
+
+def _distinct(points: Floats, distance: Floats, apart: float) -> list[int]:
+    """Return the rows of ``points`` (n, d) by ascending ``distance`` (n,), without those less ``apart`` from others."""
+    left, chosen = np.argsort(distance, kind="stable"), []
+    while len(left):
+        chosen.append(int(left[0]))
+        left = left[norms(points[left] - points[left[0]]) > apart]
+    return chosen

@@ -130,6 +130,28 @@ def test_parts_of_unlike_dimension_that_meet_are_named_before_anything_is_built(
     assert re.search(sentence, warnings[0])
 
 
+@pytest.mark.parametrize(("turns", "named"), [(1, 2), (2, 3)])
+def test_all_places_at_which_a_curve_crosses_a_surface_are_named_in_one_order(turns, named):
+    """A circle crosses a sphere twice, and one with waves four times; moving both moves the places alone."""
+    t = np.linspace(0, 2 * np.pi, 200)
+    radius = 1.0 + (0.2 * np.cos(2 * t) if turns == 2 else 0.0)
+    points = np.stack([radius * np.cos(t) + (0.7 if turns == 1 else 0.0), radius * np.sin(t), 0 * t], axis=1)
+    union = ck.source("union", members=[SPHERE, ck.source("mesh.polyline", points=points)])
+    found = set()
+    for shift in (0.0, 1e-3):
+        moved = ck.source("moved", of=union, translation=[0, 0, shift])
+        scene = ck.Scene(moved, ck.ScreenedPoisson(1.0))
+        for spacing in (0.1, 0.05):
+            (warning,) = ck.explain(scene, spacing).warnings
+            found.add(tuple(re.findall(r"\((\S+), (\S+), \S+\)", warning)))
+        with pytest.warns(ck.CpmkitWarning, match="of the union meet"):
+            assert ck.explain(scene, 0.1).warnings[0] in ck.solve(scene, 0.1, estimate=False).warnings
+    assert ("and 1 more:" in warning) is (turns == 2)
+    (places,) = found
+    assert len(places) == named
+    np.testing.assert_allclose(np.linalg.norm(np.array(places, dtype=float), axis=1), 1.0, atol=1e-3)
+
+
 @pytest.mark.parametrize("spacing", [0.2, 0.1, 0.07])
 def test_what_flows_through_a_joint_is_warned_of_and_has_no_estimate(spacing):
     """At .07 the rod's end had been taken for an edge of the manifold, and its error been estimated."""
