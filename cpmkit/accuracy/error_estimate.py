@@ -51,10 +51,7 @@ class ErrorEstimate:
 
     @property
     def bound(self) -> Floats:
-        """Twice the largest error plus that due to the source (channels,), in the solution's unit; rarely exceeded.
-
-        The error due to the source counts three times unless it is a bound: estimates of it are off by that factor.
-        """
+        """Twice the largest error plus ``floor``, thrice if estimated (channels,), in u's unit; rarely exceeded."""
         return np.asarray(2.0 * self.error + (1.0 if self.floor_is_bound else 3.0) * self.floor * self.unit)
 
     @property
@@ -209,7 +206,8 @@ def estimate_from(
     source_error = 0.0 if modes else form.source_error()
     slow = diagnoses[-1].slow
     if not slow and alone is not None and alone.unresolved:
-        slow = "waves or peaks that the spacing hardly resolves; the error may fall slowly"
+        first = "the steps in time make most of the error: halve the step first; " if in_time > largest.max() else ""
+        slow = f"{first}waves or peaks that the spacing hardly resolves; the error may fall slowly"
     if not slow and resonant_largest >= 1:
         slow = "an eigenvalue is as near as its error: size and sign of the solution are not determined"
     return ErrorEstimate(

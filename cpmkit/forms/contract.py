@@ -310,8 +310,7 @@ class Discretized(FormValues):
         """Return the error that the representation of the manifold leaves at any spacing, as a share of u's range.
 
         ``difference`` is the root mean square difference, as a share of the range, from the solution on the flat
-        triangles of a mesh that is read as smooth, None where unknown. The default ignores it: it is the source's own
-        estimate for integrals.
+        triangles of a mesh that is read as smooth, None where unknown; the default, for integrals, ignores it.
         """
         return integral_floor_of(self.scene.surface, self.spacing)
 

@@ -59,8 +59,7 @@ class Explanation:
     seconds: float | None = None
     #: Without a dry run: the factor within which the unknowns are right, and the bytes if the solver is.
     off_by: float | None = None
-    #: Whether ``floor`` is a bound, that of a mesh read as smooth after a dry run, which may be far above the error.
-    floor_is_bound: bool = False
+    floor_is_bound: bool = False  #: Whether ``floor`` is a bound: after a dry run that of a mesh read as smooth.
 
     told = DeprecatedMember("warnings")
 

@@ -36,9 +36,8 @@ GROSS_DEFECT_SHARE = 0.5
 #: Smooth data that balance leave about 1 or less on spheres, caps, circles and arcs, and less than 8 where f is a bump
 #: of a fifth of the size, on tori and ellipses that the band resolves.
 EXPLAINED_DEFECT_FACTOR = 10.0
-#: The relative imbalance that the source of the manifold may cause, over the error that it states: 0.03 to 1.2 on
-#: clouds of a torus, and such errors are right to a factor of 3.
-IMBALANCE_PER_SOURCE_ERROR = 3.0
+#: The relative imbalance that the manifold's source may cause, over the error that it states: .03 to 1.2 on clouds.
+IMBALANCE_PER_ERROR = 3.0
 #: A constant is free on a piece where A times its indicator is below this share of the diagonal: rounding.
 ROUNDING = 1e-10
 #: Points at which data are compared: so many runs of so many consecutive points.
@@ -189,11 +188,6 @@ def balanced_solution(
     return u, tuple(Imbalance("data", value=tuple(value), size=tuple(size), **piece) for value, size, piece in pieces)
 
 
-def explained_imbalance(by_spacing: float, source_error: float) -> float:
-    """Return the relative imbalance that the spacing, ``by_spacing``, and a source of this error may cause together."""
-    return min(by_spacing + IMBALANCE_PER_SOURCE_ERROR * source_error, GROSS_DEFECT_SHARE)
-
-
 def _describe_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
     """Return the fields explained, near and share of an imbalance on the piece with the points ``on_piece`` (p,) bool.
 
@@ -203,9 +197,9 @@ def _describe_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
     if not len(members):
         return {"explained": GROSS_DEFECT_SHARE, "near": (), "share": 0.0}
     extent = float(np.ptp(points[members], axis=0).max())
-    steps = len(members) ** 0.5 if extent else 1.0
+    explained = EXPLAINED_DEFECT_FACTOR / (len(members) if extent else 1)
     return {
-        "explained": explained_imbalance(EXPLAINED_DEFECT_FACTOR / steps**2, form.source_error(0.0)),
+        "explained": min(explained + IMBALANCE_PER_ERROR * form.source_error(0.0), GROSS_DEFECT_SHARE),
         "near": tuple(points[members[len(members) // 2]].tolist()),
         "share": len(members) / len(points),
     }

@@ -82,3 +82,13 @@ def test_heat_that_grows_has_an_estimate(form):
     solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.15, form=form)
     true = 0.5 * abs(solution.evaluate([[1.0, 0.0, 0.0]])[0] / np.exp(98 * 0.02) - 1)
     assert 0.5 < solution.error.largest[0] / true < 2
+
+
+@pytest.mark.parametrize(("step", "first"), [(0.05, True), (0.003, False)])
+def test_the_step_is_to_be_halved_first_where_it_makes_most_of_the_error(step, first):
+    """A spot that turns with the sphere is hardly resolved either way."""
+    heat = ck.Heat("exp(-8*((x - 1)**2 + y**2 + z**2))", until=0.5, step=step, kappa=1e-3, velocity=["-4*y", "4*x", 0])
+    error = ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.15).error
+    assert ("halve the step first" in str(error)) is first
+    assert "waves or peaks that the spacing hardly resolves" in error.slow
+    assert bool(error.in_time > 0.5 * error.largest[0]) is first

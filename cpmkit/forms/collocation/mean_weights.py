@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.extension_operator import ExtensionOperator, build_operator
-from cpmkit.forms.data_checks import EXPLAINED_DEFECT_FACTOR, Imbalance, explained_imbalance
+from cpmkit.forms.data_checks import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE, IMBALANCE_PER_ERROR, Imbalance
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.equations import Terms
@@ -161,8 +161,8 @@ def describe_imbalances(
 ) -> tuple[Imbalance, ...]:
     """Return ``imbalances``, one a piece of the border, with new fields size, explained, near, share and bounded_by.
 
-    The lowest order of the conditions, 1 or 2, decides how large an imbalance the spacing explains; ``source_error`` is
-    the error due to the source of the manifold, a share of the range of u, which explains a further part.
+    The lowest order of the conditions, 1 or 2, decides how large an imbalance the spacing explains, in addition to
+    ``source_error``, that of the manifold's source as a share of the range of u.
     """
     layout, described = tables.layout, []
     order = min([layout.options.own.order, *(condition.order for condition in scene.conditions if condition.order)])
@@ -171,9 +171,9 @@ def describe_imbalances(
         members = np.flatnonzero(piece)
         feet = layout.band.feet.points[members[members < layout.band.inner]]
         spacings = max(float(np.ptp(feet, axis=0).max()) / layout.lattice.spacing, 1.0)
-        explained = explained_imbalance(EXPLAINED_DEFECT_FACTOR / spacings**order, source_error)
-        place = _describe_place(tables, scene, members)
-        described.append(replace(imbalance, size=tuple(size.tolist()), explained=explained, **place))
+        explained = EXPLAINED_DEFECT_FACTOR / spacings**order + IMBALANCE_PER_ERROR * source_error
+        place = {**_describe_place(tables, scene, members), "explained": min(explained, GROSS_DEFECT_SHARE)}
+        described.append(replace(imbalance, size=tuple(size.tolist()), **place))
     return tuple(described)
 
 
