@@ -1,0 +1,246 @@
+"""Kernels that tell on which side of a component of the skin a point lies, and the moments of upper faces of cells.
+
+The pieces of a component, segments or convex polygons in one lattice cell, are ``order[piece_starts[c] :
+piece_starts[c + 1]]``. Piece p has the ``corners`` from ``corner_starts[p]`` on, the integral ``normals[p]`` of its
+outward normal, and the mean ``middles[p]`` of its corners.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.mesh.solid_moments import LEGENDRE, LEGENDRE_INTEGRALS, MOMENTS, evaluate
+from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Bools, Floats, Ints
+
+#: A point within this distance of a face, in spacings, lies in it.
+IN_FACE = 1e-7
+#: A point within this distance of a piece, in spacings, lies on it.
+ON_PIECE = 1e-9
+#: The corner of a cell that is tested lies past its faces by these lengths, in spacings, along the axes.
+PAST_CORNER = (0.0, 3e-7, 1e-6)
+GAUSS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(MOMENTS))
+
+
+@compiled
+def contains(corners: Floats, first: int, last: int, normal: Floats, x: Floats) -> bool:
+    """Return whether a piece with ``corners`` first to last - 1 contains the point ``x`` (d,) of its plane or line."""
+    d = corners.shape[1]
+    for k in range(first, last):
+        following = k + 1 if k + 1 < last else first
+        if d == 2:
+            along = 0.0
+            for i in range(2):
+                along += (corners[following, i] - corners[k, i]) * (x[i] - corners[k, i])
+            if along < 0:
+                return False
+            continue
+        a, b = corners[following] - corners[k], x - corners[k]
+        across = normal[0] * (a[1] * b[2] - a[2] * b[1]) + normal[1] * (a[2] * b[0] - a[0] * b[2])
+        if across + normal[2] * (a[0] * b[1] - a[1] * b[0]) < 0:
+            return False
+    return True
+
+
+@compiled
+def is_inside(
+    point: Floats,
+    c: int,
+    order: Ints,
+    piece_starts: Ints,
+    corners: Floats,
+    starts: Ints,
+    normals: Floats,
+    middles: Floats,
+) -> bool:
+    """Return whether ``point`` (d,) lies on the inner side of component ``c``: by the first piece on a way to it.
+
+    The way leads to the middle of the piece that is best seen from the point; it stays in the cell, which is convex.
+    Points on the component count as inside.
+    """
+    d = len(point)
+    best, target = -1.0, -1
+    for k in range(piece_starts[c], piece_starts[c + 1]):
+        p = order[k]
+        square, across, size = 0.0, 0.0, 0.0
+        for i in range(d):
+            step = middles[p, i] - point[i]
+            square += step * step
+            across += normals[p, i] * step
+            size += normals[p, i] ** 2
+        seen = abs(across) / (np.sqrt(size) * max(square, 1e-300))
+        if seen > best:
+            best, target = seen, p
+    way, x = middles[target] - point, np.empty(d)
+    share, outward = 1.0, 0.0
+    for i in range(d):
+        outward += normals[target, i] * way[i]
+    for k in range(piece_starts[c], piece_starts[c + 1]):
+        p = order[k]
+        along, offset, size = 0.0, 0.0, 0.0
+        for i in range(d):
+            along += normals[p, i] * way[i]
+            offset += normals[p, i] * (middles[p, i] - point[i])
+            size += normals[p, i] ** 2
+        if offset**2 <= ON_PIECE**2 * size and contains(corners, starts[p], starts[p + 1], normals[p], point):
+            return True
+        if p == target or along == 0:
+            continue
+        t = offset / along
+        if t < 0 or t >= share:
+            continue
+        for i in range(d):
+            x[i] = point[i] + t * way[i]
+        if contains(corners, starts[p], starts[p + 1], normals[p], x):
+            share, outward = t, along
+    return outward > 0
+
+
+@compiled
+def group_components(
+    component_starts: Ints,
+    part: Ints,
+    is_inner: Bools,
+    side_starts: Ints,
+    order: Ints,
+    piece_starts: Ints,
+    corners: Floats,
+    starts: Ints,
+    normals: Floats,
+    middles: Floats,
+) -> Ints:
+    """Fill ``part`` (k,) with the number of the part of its cell that each component bounds; return the counts (c,).
+
+    The components of cell r are ``component_starts[r]`` to ``component_starts[r + 1]`` - 1. ``is_inner`` is filled from
+    ``side_starts[r]`` on, for cells with several: entry n i + j is whether component j is on the inner side of i.
+    """
+    cells = len(component_starts) - 1
+    parts = np.ones(cells, dtype=np.int64)
+    for r in range(cells):
+        first, n = component_starts[r], component_starts[r + 1] - component_starts[r]
+        if n < 2:
+            continue
+        inner = is_inner[side_starts[r] : side_starts[r + 1]]
+        for i in range(n):
+            for j in range(n):
+                at = middles[order[piece_starts[first + j]]]
+                inner[n * i + j] = i == j or is_inside(
+                    at, first + i, order, piece_starts, corners, starts, normals, middles
+                )
+        parts[r] = 0
+        for j in range(n):
+            part[first + j] = -1
+            for i in range(j):
+                joined = inner[n * i + j] and inner[n * j + i]
+                for k in range(n):
+                    if k not in (i, j) and inner[n * k + i] != inner[n * k + j]:
+                        joined = False
+                if joined and part[first + j] < 0:
+                    part[first + j] = part[first + i]
+            if part[first + j] < 0:
+                part[first + j] = parts[r]
+                parts[r] += 1
+    return parts
+
+
+@compiled
+def parts_at(
+    rows: Ints,
+    points: Floats,
+    component_starts: Ints,
+    part: Ints,
+    is_inner: Bools,
+    side_starts: Ints,
+    order: Ints,
+    piece_starts: Ints,
+    corners: Floats,
+    starts: Ints,
+    normals: Floats,
+    middles: Floats,
+) -> Ints:
+    """Return the number (n,) of the part that contains each of ``points`` (n, d) in cells ``rows`` (n,), -1 for none.
+
+    The cells have several components; other arguments are those of :func:`group_components`.
+    """
+    found = np.full(len(rows), -1)
+    for q in range(len(rows)):
+        r = rows[q]
+        first, n = component_starts[r], component_starts[r + 1] - component_starts[r]
+        inner = is_inner[side_starts[r] : side_starts[r + 1]]
+        sides = np.empty(n, dtype=np.bool_)
+        for i in range(n):
+            sides[i] = is_inside(points[q], first + i, order, piece_starts, corners, starts, normals, middles)
+        for j in range(n):
+            fits = sides[j]
+            for i in range(n):
+                if part[first + i] == part[first + j]:
+                    fits = fits and sides[i]
+                elif sides[i] != inner[n * i + j]:
+                    fits = False
+            if fits:
+                found[q] = part[first + j]
+    return found
+
+
+@compiled
+def add_upper_faces(
+    components: Ints,
+    cells: Ints,
+    moments: Floats,
+    order: Ints,
+    piece_starts: Ints,
+    corners: Floats,
+    starts: Ints,
+    normals: Floats,
+    middles: Floats,
+) -> None:
+    """Add to ``moments`` (n, 5, 5^(d-1)) those of the upper face of ``cells`` (n, d) on the inner side of components.
+
+    The divergence theorem is applied along axis 1 in the face, and along axis 2 in its upper edge: there the component
+    has segments, and points; the upper corner is on its inner side or not. ``components`` (n,) are their numbers.
+    """
+    d = cells.shape[1]
+    depth = MOMENTS if d == 3 else 1
+    first, second = np.empty(MOMENTS), np.empty(MOMENTS)
+    edge, corner = np.empty(MOMENTS), np.empty(d)
+    for row in range(len(components)):
+        c, cell = components[row], cells[row]
+        edge[:] = 0.0
+        for k in range(piece_starts[c], piece_starts[c + 1]):
+            p = order[k]
+            size = 0.0
+            for i in range(d):
+                size += abs(normals[p, i])
+            for at in range(starts[p], starts[p + 1]):
+                following = at + 1 if at + 1 < starts[p + 1] else starts[p]
+                if abs(corners[at, 0] - cell[0] - 0.5) > IN_FACE:
+                    continue
+                if d == 2:
+                    sign = np.sign(normals[p, 1]) if abs(normals[p, 1]) > 1e-12 * size else 0.0
+                    evaluate(LEGENDRE_INTEGRALS, corners[at, 1] - cell[1] + 0.5, first)
+                    edge += sign * first
+                    continue
+                if abs(corners[following, 0] - cell[0] - 0.5) > IN_FACE:
+                    continue
+                length = np.sign(normals[p, 1]) * abs(corners[following, 2] - corners[at, 2])
+                for g in range(MOMENTS):
+                    s = GAUSS[g] + 0.5
+                    x = (1 - s) * corners[at, 1] + s * corners[following, 1]
+                    y = (1 - s) * corners[at, 2] + s * corners[following, 2]
+                    evaluate(LEGENDRE_INTEGRALS, x - cell[1] + 0.5, first)
+                    evaluate(LEGENDRE, y - cell[2] + 0.5, second)
+                    for i in range(MOMENTS):
+                        for j in range(MOMENTS):
+                            moments[row, 0, MOMENTS * i + j] += length * GAUSS_WEIGHTS[g] * first[i] * second[j]
+                if abs(normals[p, 2]) <= 1e-12 * size:
+                    continue
+                for end in (at, following):
+                    if abs(corners[end, 1] - cell[1] - 0.5) <= IN_FACE:
+                        evaluate(LEGENDRE_INTEGRALS, corners[end, 2] - cell[2] + 0.5, second)
+                        edge += np.sign(normals[p, 2]) * second
+        for i in range(d):
+            corner[i] = cell[i] + 0.5 + PAST_CORNER[i]
+        if is_inside(corner, c, order, piece_starts, corners, starts, normals, middles):
+            edge[0] += 1.0
+        for j in range(MOMENTS if d == 2 else depth):
+            moments[row, 0, j] += edge[j]
