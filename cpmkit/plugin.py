@@ -31,6 +31,7 @@ if TYPE_CHECKING:  # Abilities of sources
     from cpmkit.manifold.abilities import HasMembers as HasMembers
     from cpmkit.manifold.abilities import HasMesh as HasMesh
     from cpmkit.manifold.abilities import HasNormals as HasNormals
+    from cpmkit.manifold.abilities import HasSkin as HasSkin
     from cpmkit.manifold.abilities import HasTangents as HasTangents
     from cpmkit.manifold.abilities import HasTranslation as HasTranslation
     from cpmkit.manifold.abilities import HasValues as HasValues

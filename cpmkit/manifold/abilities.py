@@ -128,6 +128,15 @@ class HasMembers(Protocol):
 
 
 @runtime_checkable
+class HasSkin(Protocol):
+    """A solid that knows the closed hypersurface around it."""
+
+    @property
+    def skin(self) -> ClosestPointSource:
+        """The boundary of the solid, of one part or more: a closed curve in the plane or closed surface in space."""
+
+
+@runtime_checkable
 class HasFacets(Protocol):
     """A mesh that stands for the smooth surface that it samples, and can also be read as its flat triangles."""
 

@@ -146,6 +146,16 @@ def check_translation(subject: Subject, x: Floats) -> None:
     require_rows(apart <= allowed + subject.case.turning_angle * original.distance, x, "|x - points| changes by", apart)
 
 
+@law("near", abilities.HasSkin)
+def check_skin(subject: Subject, x: Floats) -> None:
+    """The skin of a solid is a hypersurface with the closest points of queries outside."""
+    skin, feet = subject.source.skin, subject.feet(x)
+    require(skin.manifold_dim == skin.dim - 1 == subject.source.dim - 1, "The skin is no hypersurface.")
+    feet = feet.take(feet.edge >= 0)
+    off = skin.closest_point(np.ascontiguousarray(feet.points)).distance
+    require_rows(off <= subject.round_off(feet.points), feet.points, "The foot lies off the skin by", off)
+
+
 @law("near", abilities.HasLeft)
 def check_left(subject: Subject, x: Floats) -> None:
     """Vectors to the left have length one and are perpendicular to tangents; ``left_of``, where stated, lies left."""

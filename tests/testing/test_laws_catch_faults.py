@@ -245,6 +245,12 @@ class PaddedMesh(Circle):
         return vertices, np.pad(cells, ((0, 0), (0, 1)), constant_values=-1)
 
 
+class SkinIsAnArea(Circle):
+    @property
+    def skin(self) -> Circle:
+        return Circle(self.center, manifold_dim=2)
+
+
 class WithSecondFeet(Circle):
     """Adds, for queries near the middle, another foot to each: of these ``second`` are the points."""
 
@@ -414,6 +420,7 @@ FAULTS = {
     "local_minima": [FeetOffTheCurve, AllFeetHaveRowZero, FeetOfAnyRadius],
     "sheets": [FeetTwice, FarthestFeetToo, FeetBeside],
     "bad_radius": [FeetOfNothing],
+    "skin": [SkinIsAnArea],
     "translation": [TranslatedTheOtherWay, TranslationLosesAbilities],
 }
 

@@ -123,6 +123,14 @@ class Moved(Wrapper):
         motion = {"rotation": self.rotation, "translation": self.translation, "scale": self.scale}
         return [moved_source(of=member, **motion) for member in self.of.members]
 
+    @property
+    def _skin(self) -> ClosestPointSource:
+        """The moved boundary of a solid."""
+        moved: ClosestPointSource = moved_source(
+            of=self.of.skin, rotation=self.rotation, translation=self.translation, scale=self.scale
+        )
+        return moved
+
     def _advice(self, spacing: float, /) -> Advice:
         """Return the error estimates and warnings of the source inside at grid ``spacing``, converted to its unit."""
         return advice_of(self.of, spacing / self.scale)

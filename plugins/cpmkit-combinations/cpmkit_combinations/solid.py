@@ -87,6 +87,12 @@ class Solid(Wrapper):
             odd ^= outward * signed_height(part, part.closest_point(x), x) <= 0
         return self.of.closest_point(x), odd
 
+    @property
+    def _skin(self) -> ClosestPointSource:
+        """The hypersurface, a union where the solid has holes or several parts."""
+        hypersurface: ClosestPointSource = self.of
+        return hypersurface
+
     def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices and triangles (m, 3) of about ``spacing``: of the inside (2D) or of the boundary (3D)."""
         if self.dim == 3:
