@@ -206,11 +206,15 @@ def _describe_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
 
 
 class DataAtPoints(NamedTuple):
-    """Data of a scene, their label in warnings, and points (k, d) at which a form reads them."""
+    """Data of a scene, their label in warnings, and points (k, d) at which a form reads them.
+
+    On the skin of a solid also its normals (k, d): values on both sides of an edge of the skin are not compared.
+    """
 
     label: str
     data: Any
     points: Floats
+    normals: Floats | None = None
 
 
 def data_warnings(
@@ -260,14 +264,15 @@ def _checked_data(form: Discretized, conditions: Iterable[DataAtPoints], vertice
 
     f is left out if the equation smooths it, with ``vertices`` as for :func:`data_warnings`.
     """
-    terms, points = form.scene.problem.terms(), form.points
+    terms, points = form.scene.problem.terms(), form.data_points
     points = points[_compared_rows(len(points))]
     if not _is_smoothed(form, terms, vertices):
         yield DataAtPoints("the right-hand side f", terms.f, points)
     yield DataAtPoints("the factor c", terms.c, points)
     yield DataAtPoints("the diffusivity", terms.diffusivity, points)
     for condition in conditions:
-        yield condition._replace(points=condition.points[_compared_rows(len(condition.points))])
+        rows, normals = _compared_rows(len(condition.points)), condition.normals
+        yield condition._replace(points=condition.points[rows], normals=None if normals is None else normals[rows])
 
 
 def _is_smoothed(form: Discretized, terms: Terms, vertices: int) -> bool:
@@ -294,7 +299,8 @@ def _compared_rows(count: int) -> Any:
 def _variation_warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator[str]:
     """Yield one warning if data vary within ``spacing``, unless their values are rounding errors alone; else none."""
     values = _values_at_points(scene, data)
-    share = 0.0 if values is None else nugget(values, data.points, spacing)
+    places = data.points if data.normals is None else np.hstack([data.points, spacing * data.normals])
+    share = 0.0 if values is None else nugget(values, places, spacing)
     if share > UNRESOLVED_NUGGET and not _is_rounding(scene, data, values, spacing):
         yield (
             f"{data.label[0].upper()}{data.label[1:]} varies within a spacing, by about {min(share, 1.0):.0%} of its "

@@ -91,8 +91,11 @@ def mean_diffusivity(diffusivity: Any, points: Floats) -> float:
 def principal_diffusivities(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
     """Return the smallest (n,) and the largest (n,) eigenvalue of diffusivity tensors restricted to the tangent space.
 
-    ``tensors`` (n, d, d) are symmetric, ``normals`` (n, c, d) the orthonormal normals of a curve or a surface.
+    ``tensors`` (n, d, d) are symmetric, ``normals`` (n, c, d) the orthonormal normals, of which a solid has none.
     """
+    if not normals.shape[1]:
+        values: Floats = np.asarray(np.linalg.eigvalsh(tensors), dtype=np.float64)
+        return values[:, 0], values[:, -1]
     tangent = np.eye(tensors.shape[1]) - np.einsum("nci,ncj->nij", normals, normals)
     restricted = tangent @ tensors @ tangent
     trace = np.trace(restricted, axis1=1, axis2=2)

@@ -215,9 +215,12 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
     if boundary not in names and (boundary == "edge" or isinstance(boundary, int)):
         if side is not None:
             raise InputError(f"the edge has one side only; leave side out, got {shown(side)}.")
-        feet, weights = rim_rule(scene.surface, solution.spacing, None if boundary == "edge" else int(boundary))
+        loop = None if boundary == "edge" else int(boundary)
+        in_space = scene.surface.dim == 3 and scene.surface.manifold_dim == 3
+        rule = None if in_space else rim_rule(scene.surface, solution.spacing, loop)
         total = form.flux(solution.values, boundary, None, solution.data_time)
         if total is None:
+            feet, weights = rule or rim_rule(scene.surface, solution.spacing, loop)
             total = weights @ form.conormal_derivative(solution.values, feet.points)
     else:
         checked, name = _check_side(str(boundary), side), str(boundary)

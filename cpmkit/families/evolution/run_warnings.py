@@ -163,9 +163,9 @@ def _short_pattern_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.Hi
 
 def _spread_points(form: Discretized) -> tuple[Floats, Floats]:
     """Return up to 4000 of the form's points (k, d), and weights (k,) of sum 1 for means over the manifold."""
-    every = slice(None, None, max(1, len(form.points) // 2000))
-    points, weights = form.points[every], form.point_weights
-    share = np.full(len(points), 1.0) if weights is None else weights[every]
+    rows, points = form.some_points(4000)
+    weights = form.point_weights
+    share = np.full(len(points), 1.0) if weights is None else weights[rows]
     return points, share / share.sum()
 
 

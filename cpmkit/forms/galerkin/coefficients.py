@@ -40,6 +40,11 @@ class SampleCoefficients(PointReader):
         """Return ``data`` (p, channels) at ``time`` at samples, each on its cell's side; ``label`` is for errors."""
         return evaluate_data(data, self._reading_points(data), channels, label, time)
 
+    @property
+    def data_points(self) -> Floats:
+        """(p, d) the points at which data are evaluated for the samples, in the scene's coordinates."""
+        return self.points
+
     def _reading_points(self, data: Any) -> Floats:
         """Return the points (p, d) at which ``data`` are evaluated for the samples, in the scene's coordinates.
 
@@ -90,13 +95,17 @@ class SampleCoefficients(PointReader):
         elif not callable(data) and np.ndim(data) == 0:
             return check_diffusivity(self.at_all_samples(data, "the diffusivity"))
         else:
-            a = evaluate_diffusivity(data, self._reading_points(data), "the diffusivity")
+            a = self.function_at_points(data, lambda points: evaluate_diffusivity(data, points, "the diffusivity"))
         if a.ndim < 3:
             return self.append_boundary_samples(check_diffusivity(a))
         if self.space.size > self.space.spline_count:
             raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
         normals = self.sampled.samples.normals_at(slice(self.sampled.interior))
         return self.append_boundary_samples(check_tensor(a, normals, self.points))
+
+    def function_at_points(self, data: Any, evaluate: Callable[[Floats], Floats]) -> Floats:
+        """Return a positive coefficient (p, ...) at the samples, with ``evaluate`` for ``data`` at points."""
+        return evaluate(self._reading_points(data))
 
     def penalty_scale(self, data: Any) -> Floats | None:
         """Return the coefficient (q,) that penalties are proportional to; None if it is the diffusivity ``data``."""

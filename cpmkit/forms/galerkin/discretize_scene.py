@@ -10,11 +10,12 @@ import numpy as np
 from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.enrichment.enriched_space import EnrichedSpace
 from cpmkit.forms.galerkin.form import Galerkin, galerkin
-from cpmkit.forms.galerkin.options import STABILISATIONS, GalerkinOptions
+from cpmkit.forms.galerkin.options import SOLID_STABILISATIONS, STABILISATIONS, GalerkinOptions
 from cpmkit.forms.galerkin.options import check_scene as check
 from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, build_refined_space, level_splines
 from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.galerkin.scene_sampling import InsertedScene, insert_scene, sample_inserted
+from cpmkit.forms.galerkin.solids.solid_sampling import sample_solid
 from cpmkit.forms.galerkin.solve_memory import SolveMemory
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE, QuantisedSamples
@@ -55,6 +56,8 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     check(scene, options)
     SolveMemory(scene, options).check_samples_fit()
     progress("samples", 0.0)
+    if scene.surface.manifold_dim == scene.surface.dim:
+        return discretize_solid(scene, options, progress)
     inserted = insert_scene(scene, options)
     if options.own.refine == "auto":
         return refine_adaptively(scene, options, inserted, progress)
@@ -71,6 +74,21 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     stabilisation = STABILISATIONS[degree][options.own.stabilisation]
     parts = build_spline_space(dof_map, sampled.samples), sampled.interior, stabilisation
     space = EnrichedSpace(*parts, sampled.singular) if sampled.singular else FunctionSpace(*parts)
+    form = galerkin(scene, options, sampled, space)
+    release_memory()
+    progress("space", 1.0)
+    return form
+
+
+def discretize_solid(scene: Scene, options: Options[GalerkinOptions], progress: Progress) -> Galerkin:
+    """Return the discretisation of a scene on a solid; ``progress`` receives the stage and the share that is done."""
+    sampled = sample_solid(scene, options)
+    progress("samples", 1.0)
+    progress("space", 0.0)
+    samples: Any = sampled.samples
+    sampled = replace(sampled, samples=QuantisedSamples.of(samples, sampled.dof_map))
+    splines = build_spline_space(sampled.dof_map, sampled.samples, np.arange(sampled.patches.cut))
+    space = FunctionSpace(splines, sampled.interior, SOLID_STABILISATIONS[options.own.stabilisation])
     form = galerkin(scene, options, sampled, space)
     release_memory()
     progress("space", 1.0)

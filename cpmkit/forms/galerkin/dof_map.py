@@ -99,11 +99,23 @@ def build_dof_map(
     patch, roots, touching = build_patches(cell_codes(points, spacing), contacts, cell)
     cells = np.floor(points[roots] / spacing + 0.5).astype(np.int64)
     pairs = unequal_pairs(patch[tied], len(roots))
-    count, piece = connected_components(len(roots), np.concatenate([touching, pairs]))
+    joined, is_curve = np.concatenate([touching, pairs]), np.shape(contacts)[1] == 2
+    isolated = isolated_patches(points, patch, joined, len(roots), spacing, is_curve)
+    return dof_map_from_patches(spacing, cells, touching, patch, isolated, degree, pairs)
+
+
+def isolated_patches(
+    points: Floats, patch: Any, joined: Any, patches: int, spacing: float, by_diagonal: bool = False
+) -> Bools:
+    """Return whether each of the ``patches`` (p,) is on a piece of the manifold that has a single unknown.
+
+    ``points`` (q, d) lie in the patches ``patch`` (q,), all extreme ones among them; ``joined`` (t, 2) are pairs of
+    patches on one piece. Its size is its extent along an axis, or its diagonal.
+    """
+    count, piece = connected_components(patches, joined)
     extent = piece_extents(points, patch, piece, count)
-    size = norms(extent) if np.shape(contacts)[1] == 2 else extent.max(axis=1)
-    isolated = size < ISOLATED_SPACINGS * spacing
-    return dof_map_from_patches(spacing, cells, touching, patch, isolated[piece], degree, pairs)
+    size = norms(extent) if by_diagonal else extent.max(axis=1)
+    return np.asarray((size < ISOLATED_SPACINGS * spacing)[piece])
 
 
 def unequal_pairs(pairs: Any, count: int) -> Any:

@@ -30,6 +30,8 @@ from cpmkit.forms.galerkin.error_indicators import (
 from cpmkit.forms.galerkin.options import GalerkinOptions, check_scene
 from cpmkit.forms.galerkin.resolution import LatticeResolution, Resolution
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
+from cpmkit.forms.galerkin.solids.solid_reading import SolidCoefficients
+from cpmkit.forms.galerkin.solids.solid_sampling import SampledSolid
 from cpmkit.forms.galerkin.solution_warnings import crossing_warnings, outflow_layer_warnings, tip_warnings
 from cpmkit.forms.galerkin.solve_memory import GalerkinWork, SolveMemory
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
@@ -188,6 +190,11 @@ class Galerkin(EquationAssembly, Discretized):
         return self.coefficients.points
 
     @property
+    def data_points(self) -> Floats:
+        """(p, d) the samples, or the mirror images of those outside a solid."""
+        return self.coefficients.data_points
+
+    @property
     def point_weights(self) -> Floats:
         """(p,) the quadrature weights of the samples."""
         return self.sampled.samples.weights[: self.sampled.interior]
@@ -195,6 +202,8 @@ class Galerkin(EquationAssembly, Discretized):
     def some_points(self, count: int) -> tuple[Ints, Floats]:
         """Return the numbers (k,) and positions (k, d) of at most ``count`` samples, evenly spread over all."""
         rows = spread_rows(self.sampled.interior, count)
+        if isinstance(self.coefficients, SolidCoefficients):
+            rows = self.coefficients.inside[spread_rows(len(self.coefficients.inside), count)]
         return rows, self.sampled.lattice.to_scene(self.sampled.samples.points_at(rows))
 
     def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
@@ -291,9 +300,13 @@ class Galerkin(EquationAssembly, Discretized):
         mesh, lattice = self.sampled.mesh, self.sampled.lattice
         source, resolved = self.lattice_resolution.warnings
         at = [lattice.to_scene(self.sampled.boundary.points[condition.rows]) for condition in self.conditions]
+        on_skin = isinstance(self.sampled, SampledSolid)
+        normals = [
+            self.sampled.boundary.conormals[condition.rows] if on_skin else None for condition in self.conditions
+        ]
         data = [
-            DataAtPoints(f"the {name} of {condition.label}", data, points)
-            for condition, points in zip(self.conditions, at, strict=True)
+            DataAtPoints(f"the {name} of {condition.label}", data, points, across)
+            for condition, points, across in zip(self.conditions, at, normals, strict=True)
             for name, data in condition.law.data
         ]
         return (
@@ -303,7 +316,7 @@ class Galerkin(EquationAssembly, Discretized):
             *resolved,
             *(outflow_layer_warnings(self.terms_of_scene) if self.scene_advection is not None else ()),
             *self.resolution.tensor_layer_warnings(),
-            *data_warnings(self, data, self.space.finest_spacing, len(mesh.vertices)),
+            *data_warnings(self, data, self.space.finest_spacing, 0 if on_skin else len(mesh.vertices)),
         )
 
     def diagnosis(
@@ -379,5 +392,7 @@ class Galerkin(EquationAssembly, Discretized):
 def galerkin(scene: Scene, options: Options[GalerkinOptions], sampled: SampledScene, space: FunctionSpace) -> Galerkin:
     """Return the Galerkin form of a ``sampled`` scene on the function ``space`` over its samples."""
     coefficients = SampleCoefficients(sampled, space)
+    if isinstance(sampled, SampledSolid):
+        coefficients = SolidCoefficients(sampled, space)
     resolution = LatticeResolution(sampled, space)
     return Galerkin(scene, sampled.conditions, coefficients, options, sampled, space, resolution)

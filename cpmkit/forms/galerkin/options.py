@@ -37,6 +37,8 @@ STABILISATIONS = {
     2: {"default": Stabilisation(1e-2, 1e-2, 1e-4), "accurate": Stabilisation(1e-3, 1e-3, 1e-4)},
     3: {"default": Stabilisation(1e-2, 1e-2, 1e-4, 1e-2), "accurate": Stabilisation(1e-3, 1e-3, 1e-5, 1e-3)},
 }
+#: Stabilisation of quadratic splines on solids, by name: a ghost penalty beside cells that the skin cuts.
+SOLID_STABILISATIONS = {"default": Stabilisation(0.0, 0.0, 1e-3), "accurate": Stabilisation(0.0, 0.0, 1e-4)}
 #: The degrees that splines may have.
 DEGREES = (1, 2, 3)
 
@@ -141,11 +143,13 @@ def check_scene(scene: Scene, options: Options[GalerkinOptions]) -> None:
             f"conditions of the form {options.form!r} have no order, got order={orders[0]}; leave it out, or use "
             "form='collocation'."
         )
-    if surface.manifold_dim not in range(1, surface.dim):
+    if surface.manifold_dim == surface.dim:
+        _check_solid(scene, options.own)
+    elif surface.manifold_dim not in range(1, surface.dim):
         dims = sorted({largest_dim(member) for member in members_of(surface)})
         kind = "manifold of dimension" if len(dims) == 1 else "union of the dimensions"
         raise SceneError(
-            f"the form {options.form!r} takes curves and surfaces of one dimension, got a {kind} "
+            f"the form {options.form!r} takes curves, surfaces or solids of one dimension, got a {kind} "
             f"{' and '.join(map(str, dims))} in {surface.dim}D; use form='collocation'."
         )
     if has_finite_feet(surface):
@@ -153,3 +157,17 @@ def check_scene(scene: Scene, options: Options[GalerkinOptions]) -> None:
             f"the form {options.form!r} integrates over the manifold, and closest points on this one are single "
             "samples; fit a surface to them, or use form='collocation'."
         )
+
+
+def _check_solid(scene: Scene, own: GalerkinOptions) -> None:
+    """Raise SceneError, with advice, for what the form does not take on solids."""
+    reasons = {
+        "no boundaries inside": bool(scene.boundaries),
+        f"splines of degree 2, got degree={own.degree}": own.degree != 2,
+        "refine='off'": own.refine != "off",
+        "tips='extended'": own.tips != "extended",
+        "samples='auto'": own.samples == "plain",
+    }
+    for reason, holds in reasons.items():
+        if holds:
+            raise SceneError(f"the form 'galerkin' takes {reason} on solids; change that, or use form='collocation'.")

@@ -63,6 +63,8 @@ class LatticeResolution:
         normal, and count as resolved.
         """
         space, mesh = self.space.splines, self.sampled.mesh
+        if not space.samples.codim:  # solids have no normals
+            return NormalSpread(0.0, np.full(space.dof_map.dim, np.nan), 0.0)
         samples, cells = space.samples, space.samples.cell
         signs = np.where(self.sampled.winding == 0, np.nan, self.sampled.winding)
         integrals, ends = np.zeros((space.dof_map.size, 1 + mesh.dim)), mesh.vertices[mesh.cells]

@@ -21,16 +21,16 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     point_warnings,
 )
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction, singular_functions
+from cpmkit.forms.galerkin.mesh_of_manifold import mesh_of_manifold
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.refinement.regions import Regions, grade_mesh, grade_towards_tips, graded_samples
 from cpmkit.forms.galerkin.rim_corners import neck_warnings
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
-from cpmkit.manifold.local_source import LocalSource, localize, measure_noise
+from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.mesh.adjacency import HalfFacets, cut_corners, half_facets, has_cut_corners, seam_midpoints
 from cpmkit.mesh.cell_quadrature import (
-    PLAIN_EDGE_SPACINGS,
     Samples,
     longest_edge,
     needs_degree_four,
@@ -39,23 +39,11 @@ from cpmkit.mesh.cell_quadrature import (
 )
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import subdivide
-from cpmkit.meshing.contouring.contoured_curves import contour_curve
-from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 from cpmkit.meshing.creases import CREASE_OWNER, FOLD_OWNER, SLIVER_SPACINGS, VOID_OWNER, crease_facets, with_ties
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.insertion.boundary_insertion import Insertion, insert_boundaries
-from cpmkit.meshing.mesh_cache import repair_source_mesh
-from cpmkit.meshing.mesh_warnings import (
-    contouring_warnings,
-    insertion_warnings,
-    noise_warnings,
-    repair_warnings,
-    replace_spacing_advice,
-    seam_warnings,
-    tracing_warnings,
-)
+from cpmkit.meshing.mesh_warnings import insertion_warnings, seam_warnings
 from cpmkit.meshing.sharp_creases import creased_edges
-from cpmkit.meshing.source_cells import source_cells
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.oriented import OrientedBoundary
@@ -145,7 +133,8 @@ def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedSce
     surface = localize(scene.surface, lattice.origin)
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
-    surface, mesh, geometry, warnings = _repaired_cells(surface, spacing, options.own.sampling)
+    longest = longest_edge(options.own.sampling, "closest_point", surface.manifold_dim or 0)
+    surface, mesh, geometry, warnings = mesh_of_manifold(surface, spacing, longest)
     points: Mapping[int, Ints] = {}
     if sources:
         insertion = insert_boundaries(mesh, sources, spacing, movable=geometry == "closest_point")
@@ -229,31 +218,6 @@ def _with_ties(mesh: Mesh, corners: Ints, spacing: float, degree: int, creased: 
         mesh = with_ties(mesh, charts, VOID_OWNER if has_voids else FOLD_OWNER)
         corners = cut_corners(mesh)
     return mesh, corners
-
-
-def _repaired_cells(
-    surface: LocalSource, spacing: float, sampling: str
-) -> tuple[LocalSource, Mesh, CellGeometry, tuple[str, ...]]:
-    """Return the manifold, its own mesh repaired or else a contoured one, the geometry of the cells, and warnings.
-
-    ``sampling`` is the option of :class:`GalerkinOptions`, by which the longest edges are chosen. A manifold that is
-    known by closest points alone is returned with their measured noise, and whether it has slight creases.
-    """
-    lengths = longest_edge(sampling, "closest_point", surface.manifold_dim or 0), PLAIN_EDGE_SPACINGS
-    source_mesh = source_cells(surface, *(spacing * length for length in lengths))
-    if source_mesh is not None:
-        mesh, repairs = repair_source_mesh(surface, source_mesh.mesh, source_mesh.split)
-        return surface, mesh, source_mesh.geometry, tuple(repair_warnings(repairs, source_mesh.geometry))
-    surface = measure_noise(surface, spacing)
-    warnings = tuple(noise_warnings(surface, spacing))
-    if surface.manifold_dim == 1:
-        mesh, trace_defects = contour_curve(surface, spacing)
-        contouring = tracing_warnings(trace_defects, surface)
-    else:
-        mesh, surface_report = contour_surface(surface, spacing)
-        surface = replace(surface, slight_creases=surface_report.slight_creases)
-        contouring = contouring_warnings(surface_report, surface)
-    return surface, mesh, "closest_point", warnings + replace_spacing_advice(contouring, surface, spacing)
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[Boundary], spacing: float) -> None:

@@ -27,6 +27,10 @@ from cpmkit.scene.scene import Scene
 SAMPLES_PER_UNKNOWN = {1: 30.0, 2: 20.0, 3: 40.0}
 #: Bytes of the factors per unknown of a surface, over the cube root of the number of unknowns (measured).
 FACTORS_BYTES = 540.0
+#: Bytes of a solid in space, per unknown and per its number to the power 2/3, as cells that the skin cuts have, and of
+#: the factors per unknown over the cube root of the number (measured on balls of 7,600 and 28,000 unknowns: 33 and 24
+#: thousand an unknown with values on the skin, 16 without; 38 and 59 with factors).
+SOLID_BYTES, SKIN_BYTES, SOLID_FACTORS_BYTES = 8e3, 5e5, 1400.0
 #: Bytes per unknown of steps in time: the mass matrix, and matrices shifted by it (measured: 2500, and more on the
 #: way).
 BYTES_OF_STEPS = 4000.0
@@ -95,6 +99,9 @@ class SolveMemory:
         used, of_factors = per_unknown * unknowns, 0.0
         if not is_curve:  # on a curve samples and factors are counted with the tables
             of_factors = FACTORS_BYTES * {1: 0.4, 2: 1.0, 3: 2.1}[degree] * unknowns ** (4 / 3)
+            if self.scene.surface.manifold_dim == 3:
+                used = SOLID_BYTES * unknowns + SKIN_BYTES * unknowns ** (2 / 3)
+                of_factors = SOLID_FACTORS_BYTES * unknowns ** (4 / 3)
             used += of_factors if factors == "all" else 0.0
             # Places, normals, weights and numbers (measured at 140 thousand unknowns with 8.7 samples each on Spot as
             # it is, 19.5 on Spot read as smooth and 19.1 on the sphere: 2350, 2620 and 2670 an unknown, 2390 from 490

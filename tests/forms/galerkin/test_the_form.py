@@ -185,9 +185,6 @@ def test_forms_are_chosen_with_a_reason():
         solve(SCREENED, 0.3, order=2)
     with pytest.raises(ck.InputError, match="degree must be 1, 2 or 3 in the form 'galerkin', got 4; form="):
         solve(SCREENED, 0.3, degree=4)
-    ball = ck.source("analytic.box", lower=[0, 0, 0], upper=[1, 1, 1])
-    with pytest.raises(ck.SceneError, match="of one dimension, got a manifold of dimension 3 in 3D; use"):
-        solve(ck.Scene(ball, ck.ScreenedPoisson(1.0)), 0.3)
     rod = ck.source("analytic.segment", start=[1, 0, 0], end=[2, 0, 0])
     union = ck.source("union", members=[ck.source("analytic.sphere"), rod])
     with pytest.raises(ck.SceneError, match="got a union of the dimensions 1 and 2 in 3D; use form='collocation'"):

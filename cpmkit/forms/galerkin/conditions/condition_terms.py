@@ -21,6 +21,8 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     join_values,
 )
 from cpmkit.forms.galerkin.conditions.nitsche import (
+    NITSCHE_PENALTY,
+    SKIN_PENALTY,
     interface_products,
     linear_form_rows,
     one_sided_products,
@@ -36,6 +38,9 @@ from cpmkit.types import SIDES, Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+#: Samples whose terms are summed together.
+SAMPLES_AT_ONCE = 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,13 +183,22 @@ class ConditionTerms:
 
     def _one_sided_terms(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
         """Return the terms of ``conditions`` on one side of a boundary: values, fluxes and Robin conditions."""
+        from scipy.sparse import hstack
+
         rows = np.concatenate([each.rows for each in conditions])
         alpha = join_values(conditions, lambda each: each.law.alpha)
         beta = join_values(conditions, lambda each: beta_at(each.law, self._scene_points(each), each.label))
         widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # no width at points
-        products, factors = one_sided_products(alpha, beta, self.a[rows], self.samples.weights[rows], widths)
-        matrix = symmetric_sum([(self._forms(x, rows), self._forms(y, rows)) for x, y in products])
-        return AddedTerms(matrix, self._forms(factors, rows).T.tocsr(), self._data(conditions, "datum"))
+        penalty = NITSCHE_PENALTY if self.samples.normals.shape[1] else SKIN_PENALTY
+        matrices, loads = [], []
+        for some in np.array_split(np.arange(len(rows)), len(rows) // SAMPLES_AT_ONCE + 1):  # to save memory
+            numbers = rows[some]
+            coefficients = self.a[numbers], self.samples.weights[numbers], widths[some], penalty
+            products, factors = one_sided_products(alpha[some], beta[some], *coefficients)
+            forms = [(self._forms(x, numbers), self._forms(y, numbers)) for x, y in products]
+            matrices.append(symmetric_sum(forms))
+            loads.append(self._forms(factors, numbers).T.tocsr())
+        return AddedTerms(sum(matrices[1:], matrices[0]), hstack(loads, format="csr"), self._data(conditions, "datum"))
 
     def _interface_terms(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
         """Return the terms of ``conditions`` that couple the two sides of a boundary; data: jumps, then fluxes."""
@@ -233,6 +247,10 @@ class ConditionTerms:
 
     def _forms(self, factors: Floats, *rows: Ints) -> csr_array:
         """Return the matrix (k, n) of the linear forms ``factors`` (k, s, 2) at the samples ``rows``, s times (k,)."""
+        if len(rows) == 1:  # without the traces of all samples, of which a skin has many
+            of_value, of_slope = (factors[:, 0, k, None] for k in range(2))
+            forms = self.values[rows[0]] * of_value
+            return (forms + self.slopes[rows[0]] * of_slope if of_slope.any() else forms).tocsr()
         return linear_form_rows(factors, np.stack(rows, axis=1), self._traces)
 
     @cached_property

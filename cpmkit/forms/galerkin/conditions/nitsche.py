@@ -61,12 +61,14 @@ if TYPE_CHECKING:
 #: change by -15 to 1 percent, and iterations do not; from 80 on errors beside tips grow, and to 400 those at ties by a
 #: third.
 NITSCHE_PENALTY = 60.0
+#: The dimensionless penalty B on the skin of a solid.
+SKIN_PENALTY = 20.0
 #: The dimensionless penalty B between two sides.
 COUPLING_PENALTY = 40.0
 
 
 def one_sided_products(
-    alpha: Floats, beta: Floats, a: Floats, weights: Floats, widths: Floats
+    alpha: Floats, beta: Floats, a: Floats, weights: Floats, widths: Floats, penalty: float = NITSCHE_PENALTY
 ) -> tuple[list[tuple[Floats, Floats]], Floats]:
     """Return the products that conditions on one side add to the matrix, and the factors of their data in the load.
 
@@ -75,8 +77,9 @@ def one_sided_products(
     ``alpha``, ``beta`` (k,): factors of du/db and of u in the conditions, never both zero.
     ``a`` (k,): the diffusivity on this side.
     ``weights``, ``widths`` (k,): the weights s of the samples, and the local width w.
+    ``penalty``: the dimensionless penalty B.
     """
-    e, g = alpha / a, widths / (NITSCHE_PENALTY * a)
+    e, g = alpha / a, widths / (penalty * a)
     g = np.where((e * beta > 0) | (alpha == 0), g, 0.0)
     share, zero = weights / (e + beta * g), np.zeros(len(a))
     value, flux = side_factors(zero + 1, zero), side_factors(zero, a)

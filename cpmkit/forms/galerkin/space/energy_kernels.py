@@ -260,7 +260,7 @@ def add_energy(
             decode_normals(directions[q], normals)
             fill_tensor(q, normals, own, tensors, e1, weight, C)
             tensor = C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2]
-            n = combined_normal(normals, 0, 0, 1.0, 0.0)
+            n = combined_normal(normals, 0, 0, 1.0, 0.0) if codim else (0.0, 0.0, 0.0)
             fill_sample_forms(rows, splines, kind, (x, y, z), tensor, n, weight * e2 * own, factor)
             count += 5 if len(c) else 4
             for one in range(codim):

@@ -238,8 +238,13 @@ class FunctionSpace:
 
     @cached_property
     def plain_levels(self) -> list[Level]:
-        """The multigrid levels of coarser lattices, with prolongations: of twice the spacing, four times, and so on."""
-        return coarser_levels(self.base_dof_map, self.base_dof_map.patch[self.interior :])
+        """The multigrid levels of coarser lattices, with prolongations: of twice the spacing, four times, and so on.
+
+        Solids in space have no strip: its factors would be large, and iterations are the same without it.
+        """
+        boundary = self.base_dof_map.patch[self.interior :]
+        in_space = self.splines.samples.codim == 0 and self.dof_map.dim == 3
+        return coarser_levels(self.base_dof_map, boundary[:0] if in_space else boundary)
 
     @cached_property
     def refined_levels(self) -> list[Level]:

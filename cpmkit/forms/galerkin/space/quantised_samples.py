@@ -3,7 +3,7 @@
 A surface has some twenty samples for each unknown. A spline space stores their positions in their lattice cells and
 their normals as fixed-point numbers, rounded once, before anything is summed: to 2^-33 spacings and about 2^-30. All
 integrals are then sums over the same rounded samples, so that constants, means and totals are reproduced to rounding.
-Curves have few samples, which are not rounded.
+Curves and solids have few samples, which are not rounded.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ class QuantisedSamples:
     """Samples stored as fixed-point numbers, relative to the lattice cells of their patches."""
 
     dof_map: DofMap  #: The dof map of these samples.
-    #: (q, d) int32, float64 for curves: position relative to the centre of the patch's cell, in `PLACE_UNIT` spacings.
+    #: (q, d) int32, float64 for curves and solids: position relative to the centre of the patch's cell, in
+    #: `PLACE_UNIT` spacings.
     places: Any
     #: (q, c, e) int32, float64 for curves: the normals in units of `NORMAL_UNIT`, orthonormalised when they are
     #: decoded. For surfaces e = 2: a position on the octahedron |x| + |y| + |z| = 1 unfolded into a square; for curves
@@ -44,7 +45,7 @@ class QuantisedSamples:
     def of(cls, samples: Samples, dof_map: DofMap) -> QuantisedSamples:
         """Return the ``samples`` of a dof map as quantised samples."""
         codim, d = samples.normals.shape[1:]
-        is_surface = d - codim == 2
+        is_surface = (d, codim) == (3, 1)
         places = np.empty(samples.points.shape, dtype=np.int32 if is_surface else np.float64)
         directions = np.empty((len(samples), codim, 2 if is_surface else d), dtype=places.dtype)
         largest = np.iinfo(np.int32).max
@@ -98,6 +99,8 @@ class QuantisedSamples:
         """Return the normals (..., c, d) of the samples ``rows`` (...)."""
         directions = self.directions[rows]
         normals = np.empty((*directions.shape[:-1], self.dof_map.dim))
+        if not self.codim:
+            return normals
         decode_all_normals(directions.reshape(-1, *directions.shape[-2:]), normals.reshape(-1, *normals.shape[-2:]))
         return normals
 

@@ -157,8 +157,11 @@ class SplineSpace:
         return np.asarray(totals[0] / totals[1])
 
 
-def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SplineSpace:
-    """Return the spline space with the unknowns of ``dof_map`` and its ``samples``, quantised if they are not yet."""
+def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples, cut: Ints | None = None) -> SplineSpace:
+    """Return the spline space with the unknowns of ``dof_map`` and its ``samples``, quantised if they are not yet.
+
+    ``cut`` (k,) are the patches of a solid that its skin cuts: runs beside no such patch are left out.
+    """
     samples = QuantisedSamples.of(samples, dof_map) if isinstance(samples, Samples) else samples
     n = dof_map.size
     patches, width = dof_map.unknowns.shape
@@ -172,14 +175,27 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> 
     in_no_run = np.ones(n, dtype=bool)
     in_no_run[runs] = False
     short_runs = lines_through(dof_map, heaviest[in_no_run])
-    lines = _lines_in_small_or_thin_pieces(dof_map, runs_by_axis, heaviest, weight, samples.codim)
-    short_runs = np.concatenate([short_runs, lines])
+    if cut is None:
+        lines = _lines_in_small_or_thin_pieces(dof_map, runs_by_axis, heaviest, weight, samples.codim)
+        short_runs = np.concatenate([short_runs, lines])
+    else:
+        runs = _runs_beside(dof_map, cut, runs)
     short_runs = np.unique(short_runs, axis=0)
     short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # isolated pieces have one unknown all along
     indptr = np.zeros(n + 1, dtype=np.int32 if len(places) * width < 2**31 else np.int64)
     run_table = inverse_index(runs.ravel(), n)
     indices = sparsity_pattern(dof_map.unknowns, starts, places, runs, *run_table, indptr)
     return SplineSpace(dof_map, samples, heaviest, runs, short_runs, indptr, indices)
+
+
+def _runs_beside(dof_map: DofMap, patches: Ints, runs: Ints) -> Ints:
+    """Return the ``runs`` (r, degree + 2) whose first or last degree + 1 unknowns are a line in one of ``patches``."""
+    n, width = dof_map.size, dof_map.width
+    blocks = dof_map.unknowns[patches].reshape(-1, *(width,) * dof_map.dim)
+    ends = [np.moveaxis(blocks, 1 + axis, -1)[..., [0, -1]].reshape(-1, 2) for axis in range(dof_map.dim)]
+    codes = np.unique(np.concatenate(ends).astype(np.int64) @ [n, 1])
+    beside = [np.isin(runs[:, [k, k + width - 1]].astype(np.int64) @ [n, 1], codes) for k in range(2)]
+    return np.asarray(runs[beside[0] | beside[1]])
 
 
 def _lines_in_small_or_thin_pieces(

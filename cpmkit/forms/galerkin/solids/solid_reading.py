@@ -1,0 +1,183 @@
+"""Evaluation on a solid: the patch of a point inside, and data at Gauss points outside by reflection at the skin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cpmkit.forms.field import Field
+from cpmkit.forms.galerkin.coefficients import SampleCoefficients
+from cpmkit.forms.galerkin.patch_locator import HEIGHT_FACTOR, NEIGHBOURS
+from cpmkit.forms.galerkin.solids.solid_sampling import SampledSolid
+from cpmkit.grid.lattice import find_codes
+from cpmkit.manifold.source import ClosestPoints
+from cpmkit.manifold.vector_algebra import unit
+from cpmkit.runtime.compilation import compiled
+from cpmkit.scene.data import evaluate_data, is_sequence
+from cpmkit.types import Floats, Ints, Side
+
+#: Points on the skin are moved inside by this distance, in spacings, to find their patch.
+PROBE_SPACINGS = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class SolidLocator:
+    """The search for the patch in which u is evaluated at a point of a solid."""
+
+    sampled: SampledSolid
+
+    def patches(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
+        """Return the patches (k,) that evaluate u at ``feet`` (k,), and zeros (k,); a solid has no sides."""
+        del side_of
+        points, spacing, patches = feet.points, self.sampled.lattice.spacing, self.sampled.patches
+        patch = patches.patches_at(np.floor(points / spacing + 0.5).astype(np.int64), points / spacing)
+        missing = np.flatnonzero(patch < 0)  # on the skin, in a cell that it only touches
+        if len(missing):
+            boundary = self.sampled.boundary
+            distance, rows = self._skin_tree.query(points[missing], min(NEIGHBOURS[0], len(boundary)))
+            off = points[missing, None] - boundary.points[rows]
+            height = np.einsum("kqd,kqd->kq", off, boundary.conormals[rows])  # another part may be as near
+            nearest = np.argmin(distance**2 + (HEIGHT_FACTOR * height) ** 2, axis=1)
+            patch[missing] = boundary.cell[rows[np.arange(len(missing)), nearest]]
+        return patch, np.zeros(len(patch), dtype=np.int64)
+
+    @cached_property
+    def _skin_tree(self) -> Any:
+        """The k-d tree of the samples on the skin."""
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.sampled.boundary.points)
+
+
+@dataclass(frozen=True, eq=False)
+class SolidCoefficients(SampleCoefficients):
+    """Coefficients at the samples of a solid, some of which are Gauss points of cut cells outside.
+
+    There f is 2 f(foot) - f(2 foot - x), with the closest point of x as foot, so that functions are only evaluated on
+    the solid; positive coefficients are f(foot)^2 / f(2 foot - x).
+    """
+
+    sampled: SampledSolid
+
+    @cached_property
+    def locator(self) -> Any:
+        """The search for the patch in which a point is evaluated."""
+        return SolidLocator(self.sampled)
+
+    @cached_property
+    def inside(self) -> Ints:
+        """The samples (k,) inside the solid with positive weights, by which solutions are compared."""
+        inside = self.sampled.samples.weights[: self.sampled.interior] > 0
+        inside[self.outside[0]] = False
+        return np.flatnonzero(inside)
+
+    @cached_property
+    def outside(self) -> tuple[Ints, Floats, Floats]:
+        """The samples (k,) outside, their feet (k, d), and their mirror images (k, d), in the scene's coordinates.
+
+        Outside is outside the patch of the sample and those that touch it: f may differ on both sides of a thin gap.
+        There the foot is the nearest sample on the skin of the patch.
+        """
+        sampled = self.sampled
+        own = sampled.samples.cell[: sampled.interior]
+        rows = np.flatnonzero(own < sampled.patches.cut)
+        points, own = sampled.samples.points_at(rows), own[rows]
+        feet = sampled.surface.closest_point(points)
+        foot = feet.points.copy()
+        foreign = self._foreign(own, foot, foot - points) if sampled.has_near_parts else np.zeros(0, dtype=np.int64)
+        foot[foreign] = self._nearest_on_skin(own[foreign], points[foreign])
+        out = np.union1d(np.flatnonzero(feet.edge >= 0), foreign)
+        mirror = sampled.surface.closest_point(2 * foot[out] - points[out]).points
+        if len(foreign):
+            far = self._foreign(own[out], mirror, foot[out] - mirror)
+            mirror[far] = foot[out[far]]
+        return rows[out], sampled.lattice.to_scene(foot[out]), sampled.lattice.to_scene(mirror)
+
+    def _foreign(self, own: Ints, points: Floats, inward: Floats) -> Ints:
+        """Return which points (n, d) of the solid lie in no patch that is or touches their ``own`` (n,) patch.
+
+        Points on the skin are first moved slightly along ``inward`` (n, d).
+        """
+        spacing, patches = self.sampled.lattice.spacing, self.sampled.patches
+        at = points / spacing + PROBE_SPACINGS * unit(inward)
+        patch = patches.patches_at(np.floor(at + 0.5).astype(np.int64), at)
+        low, high = np.minimum(own, patch), np.maximum(own, patch)
+        return np.flatnonzero((low != high) & (find_codes(self._touching, low * len(patches.cells) + high) < 0))
+
+    @cached_property
+    def _touching(self) -> Ints:
+        """(t,) codes of pairs of patches that touch, ascending."""
+        low, high = np.sort(self.sampled.dof_map.touching, axis=1).astype(np.int64).T
+        return np.sort(low * len(self.sampled.patches.cells) + high)
+
+    def _nearest_on_skin(self, patch: Ints, points: Floats) -> Floats:
+        """Return the nearest sample (n, d) on the skin of each ``patch`` (n,) to ``points`` (n, d)."""
+        boundary = self.sampled.boundary
+        starts = np.searchsorted(boundary.cell, np.arange(self.sampled.patches.cut + 1))
+        return nearest_of_group(points, patch, starts, boundary.points)
+
+    @property
+    def data_points(self) -> Floats:
+        """(p, d) the samples, or the mirror images of those outside, in the scene's coordinates."""
+        points = self.points.copy()
+        points[self.outside[0]] = self.outside[2]
+        return points
+
+    def at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
+        """Return ``data`` (p, channels) at ``time`` at the samples, reflected outside; ``label`` is for errors."""
+        parts = data if is_sequence(data) else [data]
+        if not any(map(callable, parts)) or any(isinstance(part, Field) for part in parts):
+            return super().at_points(data, label, time, channels)
+
+        def evaluate(points: Floats) -> Floats:
+            return evaluate_data(data, points, channels, label, time)
+
+        return self._reflected(evaluate, lambda foot, mirror: 2 * foot - mirror)
+
+    def function_at_points(self, data: Any, evaluate: Callable[[Floats], Floats]) -> Floats:
+        """Return a positive coefficient (p, ...) at the samples, reflected outside, by ``evaluate`` at points."""
+        if not callable(data) or isinstance(data, Field):
+            return super().function_at_points(data, evaluate)
+
+        def extend(foot: Floats, mirror: Floats) -> Floats:
+            if foot.ndim > 1:
+                return 2 * foot - mirror
+            ratio = foot / np.where(mirror > 0, mirror, 1.0)
+            return foot * np.where(mirror > 0, ratio, 1.0)  # others are refused
+
+        return self._reflected(evaluate, extend)
+
+    def _reflected(self, evaluate: Callable[[Floats], Floats], extend: Callable[[Floats, Floats], Floats]) -> Floats:
+        """Return ``evaluate`` at the samples, and outside ``extend`` of it at feet and mirror images."""
+        rows, *places = self.outside
+        values = []
+        for place in places:  # all points both times: data may be values at the samples, whatever the points
+            points = self.points.copy()
+            points[rows] = place
+            values.append(evaluate(points))
+        foot, mirror = values
+        mirror[rows] = extend(foot[rows], mirror[rows])
+        return mirror
+
+
+@compiled
+def nearest_of_group(points: Floats, group: Ints, starts: Ints, candidates: Floats) -> Floats:
+    """Return the nearest (n, d) to each of ``points`` (n, d) of the ``candidates`` (k, d) in its ``group`` (n,).
+
+    Those of group g are ``candidates[starts[g] : starts[g + 1]]``; without candidates it is the point itself.
+    """
+    found = points.copy()
+    for q in range(len(points)):
+        best = np.inf
+        for k in range(starts[group[q]], starts[group[q] + 1]):
+            square = 0.0
+            for i in range(points.shape[1]):
+                square += (candidates[k, i] - points[q, i]) ** 2
+            if square < best:
+                best = square
+                found[q] = candidates[k]
+    return found

@@ -1,0 +1,181 @@
+"""Sampling of a solid: its patches, the quadrature of its inside, and samples on its skin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cpmkit.errors import SceneError, place
+from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
+from cpmkit.forms.galerkin.conditions.imposed_conditions import imposed_conditions
+from cpmkit.forms.galerkin.dof_map import (
+    DofMap,
+    connected_pieces,
+    dof_map_from_patches,
+    isolated_patches,
+    unequal_pairs,
+)
+from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.scene_sampling import SampledScene
+from cpmkit.forms.galerkin.solids.skin import Skin, skin_of
+from cpmkit.forms.options import Options
+from cpmkit.grid.lattice import Lattice, lattice_of
+from cpmkit.manifold.local_source import localize
+from cpmkit.manifold.vector_algebra import norms
+from cpmkit.mesh.adjacency import HalfFacets
+from cpmkit.mesh.cell_quadrature import Samples, quadrature
+from cpmkit.mesh.skin_pieces import skin_pieces
+from cpmkit.mesh.solid_moments import FULL_POINTS, MOMENTS, gauss_points, gauss_weights
+from cpmkit.mesh.solid_pieces import SolidPatches, solid_patches
+from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats, Ints
+
+#: Largest sum of normals over a column of cells, in squared spacings, for which a skin is closed: rounding.
+OPEN_FLUX = 1e-7
+#: The share of a face or a cell that is inside the solid differs by at most this from [0, 1] where arcs bulge.
+BULGE_SHARE = 0.05
+#: Flat triangles whose median edge is shorter than this, in spacings, have samples as on surfaces.
+FINE_SPACINGS = 0.25
+#: Coefficients at the skin are compared with those so many spacings inside.
+INSIDE_SPACINGS = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class SampledSolid(SampledScene):
+    """A solid with samples, Gauss points of lattice cells, and its dof map; the mesh is that of its skin."""
+
+    patches: SolidPatches  #: The connected parts of the solid in lattice cells.
+    dof_map: DofMap  #: The dof map of the samples.
+
+    @property
+    def has_near_parts(self) -> bool:
+        """Whether a lattice cell has several parts of the solid, or the solid has several pieces."""
+        several = self.patches.cut > len(self.patches.table.cells)
+        return several or connected_pieces(self.dof_map)[0] > 1
+
+
+def sample_solid(scene: Scene, options: Options[GalerkinOptions]) -> SampledSolid:
+    """Return the samples of a scene on a solid.
+
+    Raises SceneError if the boundary of the solid is not closed or crosses itself, or a condition cannot be imposed,
+    see :func:`imposed_conditions`.
+    """
+    lattice = lattice_of(scene.surface, options.spacing, options.origin)
+    surface = localize(scene.surface, lattice.origin)
+    skin = skin_of(surface, lattice)
+    fine, coarse = skin.facets
+    patches = solid_patches(skin_pieces(fine, lattice.spacing, exact=coarse is None))
+    further = None if coarse is None else skin_pieces(coarse, lattice.spacing, exact=False)
+    moments, sums = patches.moments(further)
+    _check_skin(patches, moments, sums, lattice)
+    inside = _inside_samples(patches, moments, lattice.spacing)
+    boundary = _skin_samples(skin, patches, lattice.spacing)
+    conditions = imposed_conditions(scene, boundary, np.zeros(len(boundary), dtype=bool), surface, lattice)
+    samples = Samples.join([inside, boundary.as_samples])
+    none = np.zeros(0, dtype=np.int64)
+    return SampledSolid(
+        lattice=lattice,
+        surface=surface,
+        sources=(),
+        oriented=(),
+        mesh=replace(fine, midpoints=None),
+        points={},
+        geometry=skin.geometry,
+        warnings=skin.warnings,
+        corners=fine.cells,
+        half=HalfFacets(none, none, none, none),
+        samples=samples,
+        boundary=boundary,
+        left=np.zeros(len(boundary), dtype=bool),
+        conditions=conditions,
+        winding=np.ones(len(fine.cells), dtype=np.int8),
+        singular=(),
+        patches=patches,
+        dof_map=_dof_map(patches, boundary, samples.cell, options),
+    )
+
+
+def _check_skin(patches: SolidPatches, moments: Floats, sums: Floats, lattice: Lattice) -> None:
+    """Raise SceneError, with a place, if the skin is not closed or crosses itself."""
+    shares = np.stack([patches.face_shares[0][:, 0], *patches.face_shares[1].T], axis=1)
+    row = np.repeat(np.arange(len(patches.table.cells)), np.diff(patches.patch_starts))
+    outside = np.maximum(-shares, shares - 1).max(axis=1)
+    np.maximum.at(outside, row, np.maximum(-moments[:, 0, 0], moments[:, 0, 0] - 1))
+    for excess, most, words in (
+        (np.abs(sums), OPEN_FLUX, "is not closed near {}; close it there"),
+        (outside, BULGE_SHARE, "crosses itself, or two parts of it overlap, near {}; move them apart"),
+    ):
+        worst = int(np.argmax(excess))
+        if excess[worst] > most:
+            at = place(lattice.to_scene(lattice.spacing * patches.table.cells[worst]))
+            raise SceneError(f"the boundary of the solid {words.format(at)}.")
+
+
+def _inside_samples(patches: SolidPatches, moments: Floats, spacing: float) -> Samples:
+    """Return the samples inside: the Gauss points of the cells of all patches, by patch."""
+    d, cells = patches.cells.shape[1], patches.cells
+    cut, full = gauss_points(MOMENTS, d), gauss_points(FULL_POINTS, d)
+    places = [cells[: patches.cut, None] + cut[0] - 0.5, cells[patches.cut :, None] + full[0] - 0.5]
+    points = spacing * np.concatenate([each.reshape(-1, d) for each in places])
+    weights = np.concatenate([gauss_weights(moments).ravel(), np.tile(full[1], len(cells) - patches.cut)])
+    counts = np.where(np.arange(len(cells)) < patches.cut, len(cut[1]), len(full[1]))
+    normals = np.zeros((len(points), 0, d))
+    return Samples(points, spacing**d * weights, normals, np.repeat(np.arange(len(cells)), counts))
+
+
+def _skin_samples(skin: Skin, patches: SolidPatches, spacing: float) -> BoundarySamples:
+    """Return samples on the skin: the quadrature points of its pieces, or fewer on quadratic or small triangles."""
+    pieces = patches.pieces
+    is_fine = skin.mesh.dim == 3 and float(np.median(skin.mesh.edge_lengths)) < FINE_SPACINGS * spacing
+    if skin.mesh.dim == 2 or (skin.mesh.midpoints is None and not is_fine):
+        points, areas, patch = spacing * pieces.points, pieces.areas, patches.of_piece[pieces.piece]
+        weights = norms(areas)
+        kept = weights > 0
+        points, patch, weights, normals = points[kept], patch[kept], weights[kept], (areas[kept] / weights[kept, None])
+        weights = weights * spacing ** (points.shape[1] - 1)
+    else:
+        made = quadrature(skin.mesh, spacing)
+        points, weights, normals = made.points, made.weights, made.normals[:, 0]
+        patch = _patches_on_skin(points / spacing, normals, patches)
+    d, order = points.shape[1], np.argsort(patch, kind="stable")
+    points, weights, normals, patch = points[order], weights[order], normals[order], patch[order]
+    none, count = np.full(len(points), -1), len(points)
+    return BoundarySamples(
+        points,
+        weights,
+        normals,
+        np.zeros((count, 0, d)),
+        patch,
+        points - INSIDE_SPACINGS * spacing * normals,
+        np.arange(count),
+        none,
+        np.zeros(count, dtype=np.int64),
+        none,
+        np.zeros(count, dtype=bool),
+    )
+
+
+def _patches_on_skin(points: Floats, normals: Floats, patches: SolidPatches) -> Ints:
+    """Return the patch (n,) at ``points`` (n, d) of a curved skin, in spacings, or that of the nearest piece."""
+    from scipy.spatial import cKDTree
+
+    inner = points - 1e-3 * normals
+    patch = patches.patches_at(np.floor(inner + 0.5).astype(np.int64), inner)
+    missing = np.flatnonzero(patch < 0)
+    if len(missing):
+        pieces = patches.pieces
+        nearest = cKDTree(pieces.points).query(points[missing])[1]
+        patch[missing] = patches.of_piece[pieces.piece[nearest]]
+    return patch
+
+
+def _dof_map(
+    patches: SolidPatches, boundary: BoundarySamples, patch: Ints, options: Options[GalerkinOptions]
+) -> DofMap:
+    """Return the dof map of the patches; ``patch`` (q,) is that of each sample."""
+    touching = unequal_pairs(patches.touching(), len(patches.cells))
+    isolated = isolated_patches(boundary.points, boundary.cell, touching, len(patches.cells), options.spacing)
+    return dof_map_from_patches(
+        options.spacing, patches.cells, touching, np.ascontiguousarray(patch), isolated, options.own.degree
+    )

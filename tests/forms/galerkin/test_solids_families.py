@@ -1,0 +1,191 @@
+"""Equations of every family on solids, their laws, integrals, files, and what the Galerkin form refuses there."""
+
+import numpy as np
+import pytest
+from model_problems import order_of
+from scipy.special import j0, jn_zeros, jnp_zeros
+
+import cpmkit as ck
+
+DISK = ck.source("solid", of=ck.source("analytic.circle"))
+BALL = ck.source("solid", of=ck.source("analytic.sphere"))
+CUBE = ck.source("analytic.box", lower=[0.0] * 3, upper=[1.0] * 3, rotation=[0.3, 0.2, 0.5])
+BELOW_ONE = np.random.default_rng(0).uniform(-0.7, 0.7, (300, 2))
+
+
+def solve(source, problem, spacing, edge=None, **options):
+    scene = ck.Scene(source, problem) if edge is None else ck.Scene(source, problem, edge=edge)
+    return ck.solve(scene, spacing, form="galerkin", **options)
+
+
+def with_zero(values, count):
+    return np.array(sorted([0.0, *values])[:count])
+
+
+MODES_OF_DISK = [jnp_zeros(m, 3)[k] ** 2 for m in range(6) for k in range(3) for _ in range(2 if m else 1)]
+MODES_OF_CUBE = [np.pi**2 * (i * i + j * j + k * k) for i in range(3) for j in range(3) for k in range(3)][1:]
+MODES_OF_BALL = [2.0815759778**2] * 3 + [3.3420936578**2] * 5 + [4.4934094579**2]
+
+
+@pytest.mark.parametrize(
+    ("source", "spacing", "modes", "count"),
+    [(DISK, 0.1, MODES_OF_DISK, 8), (BALL, 0.2, MODES_OF_BALL, 10), (CUBE, 0.12, MODES_OF_CUBE, 10)],
+    ids=["disk", "ball", "cube"],
+)
+def test_eigenvalues(source, spacing, modes, count):
+    found, exact = solve(source, ck.Eigen(count), spacing).eigenvalues, with_zero(modes, count)
+    assert abs(found[0]) < 1e-9
+    assert np.abs(found[1:] / exact[1:] - 1).max() < 1e-3
+    assert (found[1:] > exact[1:] * (1 - 1e-6)).all()
+
+
+def test_steklov_eigenvalues_of_a_disk():
+    found = solve(DISK, ck.Eigen(5), 0.1, ck.Steklov()).eigenvalues
+    assert np.abs(found - [0, 1, 1, 2, 2]).max() < 1e-6
+
+
+def test_heat_with_values_on_the_skin():
+    first, spacings, errors = jn_zeros(0, 1)[0], [0.2, 0.1, 0.05], []
+    for h in spacings:
+        heat = ck.Heat(lambda x: j0(first * np.hypot(*x.T)), until=0.1, step=h**1.5 / 20)
+        found = solve(DISK, heat, h, ck.Dirichlet(0.0)).evaluate(BELOW_ONE)
+        errors.append(np.abs(found - np.exp(-0.1 * first**2) * j0(first * np.hypot(*BELOW_ONE.T))).max())
+    assert order_of(spacings, errors) > 2.4
+
+
+def test_total_heat_is_kept():
+    heat = ck.Heat(lambda x: np.exp(-4 * np.sum((x - 0.3) ** 2, axis=1)), until=0.1, step=0.01)
+    totals = solve(DISK, heat, 0.2).totals
+    assert np.ptp(totals) < 1e-11 * np.abs(totals).max()
+
+
+def test_integrals_over_the_inside_and_fluxes_through_the_skin():
+    ball = solve(BALL, ck.Poisson(6.0), 0.2, ck.Dirichlet(0.0))  # 1 - r^2
+    assert ball.integrate(1) == pytest.approx(4 / 3 * np.pi, rel=3e-5)
+    assert ball.integrate() == pytest.approx(4 * np.pi * (1 / 3 - 1 / 5), rel=1e-4)
+    assert ball.mean() == pytest.approx(0.4, rel=1e-4)
+    assert ball.flux("edge") == pytest.approx(-8 * np.pi, rel=3e-5)
+    disk = solve(DISK, ck.ScreenedPoisson(1.0), 0.1)
+    assert disk.integrate(lambda x, values: x[:, 0] ** 2) == pytest.approx(np.pi / 4, rel=1e-6)
+
+
+#: Equations whose solution is x.
+PROBLEMS = {
+    "velocity": ck.Elliptic("1 - y", velocity=lambda x: np.stack([1 - x[:, 1], x[:, 0]], axis=1)),
+    "strong velocity": ck.Elliptic("50*(1 - y)", velocity=lambda x: 50 * np.stack([1 - x[:, 1], x[:, 0]], axis=1)),
+    "diffusivity": ck.Elliptic(-1.0, diffusivity=lambda x: 2 + x[:, 0]),
+    "tensor": ck.Elliptic(0.0, diffusivity=[[2.0, 0.5], [0.5, 1.0]]),
+    "nonlinear": ck.NonlinearDiffusion(lambda values: 1 + values**2, "-2*x"),
+}
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_coefficients(name):
+    found = solve(DISK, PROBLEMS[name], 0.2, ck.Dirichlet("x")).evaluate(BELOW_ONE)
+    assert np.abs(found - BELOW_ONE[:, 0]).max() < 2e-5
+
+
+def test_reactions_and_waves():
+    def reaction(values):
+        return np.stack([values[:, 0] * (1 - values[:, 0]), -values[:, 1]], axis=1)
+
+    spread = ck.ReactionDiffusion([0.5, 0.2], reaction, [0.1, 0.1], until=1.0, step=0.01)
+    found = solve(DISK, spread, 0.2).evaluate(BELOW_ONE)
+    assert np.abs(found - [1 / (1 + np.exp(-1)), 0.2 * np.exp(-1)]).max() < 1e-3
+    first = jn_zeros(0, 1)[0]
+    wave = ck.Wave(lambda x: j0(first * np.hypot(*x.T)), until=1.0, step=0.005)
+    found = solve(DISK, wave, 0.1, ck.Dirichlet(0.0)).evaluate(BELOW_ONE)
+    assert np.abs(found - np.cos(first) * j0(first * np.hypot(*BELOW_ONE.T))).max() < 2e-3
+
+
+def test_moving_turning_and_scaling_a_scene_change_little():
+    """The answers of one scene at two places and sizes, and those of two positions of the lattice."""
+
+    def answer(scale, move, turn, **options):
+        circle = ck.source("analytic.circle", radius=scale, center=move)
+        problem = ck.Poisson(lambda x: np.exp(((x - move) @ turn)[:, 0] / scale) / scale**2)
+        scene = ck.Scene(ck.source("solid", of=circle), problem, edge=ck.Dirichlet(0.0))
+        solution = ck.solve(scene, 0.1 * scale, form="galerkin", **options)
+        return solution.evaluate(scale * (BELOW_ONE @ turn.T) + move)
+
+    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    first = answer(1.0, np.zeros(2), np.eye(2))
+    assert np.abs(answer(1000.0, np.array([3e5, -2e5]), np.eye(2)) - first).max() < 1e-9
+    assert np.abs(answer(1.0, np.zeros(2), turn) - first).max() < 5e-5
+    assert np.abs(answer(1.0, np.zeros(2), np.eye(2), origin=[0.037, 0.021]) - first).max() < 5e-5
+
+
+def test_reciprocity_of_two_sources():
+    def spot(at):
+        return lambda x: np.exp(-20 * np.sum((x - np.array(at)) ** 2, axis=1))
+
+    first, second = ([0.3, 0.2], [-0.4, 0.1])
+    answers = [solve(DISK, ck.ScreenedPoisson(spot(at)), 0.1) for at in (first, second)]
+    loads = [answers[0].discretized.load(spot(at))[:, 0] for at in (first, second)]
+    assert answers[0].values[:, 0] @ loads[1] == pytest.approx(answers[1].values[:, 0] @ loads[0], rel=1e-10)
+
+
+def test_a_solution_is_saved_and_loaded(tmp_path):
+    solution = solve(DISK, ck.ScreenedPoisson("x"), 0.2)
+    solution.save(tmp_path / "disk.npz")
+    again = ck.load(tmp_path / "disk.npz", solution.scene)
+    assert np.array_equal(again.evaluate(BELOW_ONE), solution.evaluate(BELOW_ONE))
+
+
+def test_the_estimated_error_is_of_the_size_of_the_error():
+    exact = solve(DISK, ck.ScreenedPoisson(lambda x: np.sin(4 * x[:, 0])), 0.025)
+    solution = solve(DISK, ck.ScreenedPoisson(lambda x: np.sin(4 * x[:, 0])), 0.1)
+    error = np.abs(solution.evaluate(BELOW_ONE) - exact.evaluate(BELOW_ONE)).max()
+    assert 0.3 < solution.error.largest / error < 10
+
+
+def test_points_outside_are_refused():
+    with pytest.raises(ck.InputError, match="points must lie within 3 spacings"):
+        solve(DISK, ck.ScreenedPoisson(1.0), 0.2).evaluate([[2.0, 0.0]])
+
+
+def polygon(*corners):
+    return ck.source("solid", of=ck.source("mesh.polyline", points=[*corners, corners[0]]))
+
+
+def test_what_is_refused():
+    cut = ck.Boundary("cut", ck.source("analytic.circle", radius=0.5), both=ck.Dirichlet(0.0))
+    with pytest.raises(ck.SceneError, match=r"no boundaries inside on solids; change that, or use form='collocation'"):
+        ck.solve(ck.Scene(DISK, ck.Laplace(), [cut]), 0.2, form="galerkin")
+    refused = {"degree": 3}, {"refine": "auto"}, {"tips": "singular"}, {"samples": "plain"}
+    words = "degree 2, got degree=3", "refine='off'", "tips='extended'", "samples='auto'"
+    for options, accepted in zip(refused, words, strict=True):
+        with pytest.raises(ck.SceneError, match=f"takes .*{accepted} on solids"):
+            solve(DISK, ck.ScreenedPoisson(1.0), 0.2, **options)
+    with pytest.raises(ck.SceneError, match="crosses itself, or two parts of it overlap, near"):
+        solve(polygon([0, 0], [1, 1], [1, 0], [0, 1.2]), ck.ScreenedPoisson(1.0), 0.1)
+    circles = [ck.source("analytic.circle", center=[x, 0.0]) for x in (0.0, 1.2)]
+    with pytest.raises(ck.SceneError, match="not closed, or meets itself, near"):
+        solve(ck.source("solid", of=ck.source("union", members=circles)), ck.ScreenedPoisson(1.0), 0.2)
+    boxes = [ck.source("analytic.box", lower=[x, 0.0], upper=[x + 1.0, 1.0]) for x in (0.0, 0.7)]
+    with pytest.raises(ck.SceneError, match="crosses itself, or two parts of it overlap, near"):
+        solve(ck.source("union", members=boxes), ck.ScreenedPoisson(1.0), 0.1)
+    with pytest.raises(ck.SceneError, match="all have flat or all have curved boundaries"):
+        solve(ck.source("union", members=[boxes[0], DISK]), ck.ScreenedPoisson(1.0), 0.1)
+
+
+class Plain:
+    """A disk that tells its closest points alone."""
+
+    dim, manifold_dim, exact, bounds, closest_point = 2, 2, True, DISK.bounds, staticmethod(DISK.closest_point)
+
+
+class WithMesh(Plain):
+    """The same with a mesh of the inside."""
+
+    mesh = staticmethod(DISK.mesh)
+
+
+@pytest.mark.parametrize(("disk", "words"), [(Plain, "neither a skin nor a mesh"), (WithMesh, "has a curved one")])
+def test_a_solid_without_a_boundary_of_its_own_is_refused(disk, words):
+    with pytest.raises(ck.SceneError, match=words):
+        solve(disk(), ck.ScreenedPoisson(1.0), 0.1)
+
+
+def test_solids_are_solved_in_the_collocation_form_unless_asked_for():
+    assert ck.solve(ck.Scene(DISK, ck.ScreenedPoisson(1.0)), 0.2).discretization()["form"] == "collocation"
