@@ -166,11 +166,6 @@ class FormValues(FormOperators):
         """(p, d) the points, read-only, at which the form evaluates u and data, in the scene's coordinates."""
 
     @property
-    def data_points(self) -> Floats:
-        """(p, d) the points at which data are evaluated, in the scene's coordinates; by default :attr:`points`."""
-        return self.points
-
-    @property
     def point_weights(self) -> Floats | None:
         """(p,) quadrature weights of :attr:`points`; None where the points are no quadrature points."""
         return None

@@ -218,19 +218,24 @@ class DataAtPoints(NamedTuple):
 
 
 def data_warnings(
-    form: Discretized, conditions: Iterable[DataAtPoints], spacing: float | None = None, vertices: int = 0
+    form: Discretized,
+    conditions: Iterable[DataAtPoints],
+    spacing: float | None = None,
+    vertices: int = 0,
+    points: Floats | None = None,
 ) -> list[str]:
     """Return a list with a warning for each of a scene's data that is a function of points and varies within a spacing.
 
-    ``form``: the form, at some of whose points the data of the equation are read.
+    ``form``: the form of the scene.
     ``conditions``: the data of the conditions.
     ``spacing``: spacing of the finest lattice; by default that of the form.
     ``vertices``: number of vertices of the mesh over whose cells the form integrates f; zero if it reads f at points.
+    ``points`` (p, d): where the form reads the data of the equation; by default its points.
     """
     width = form.spacing if spacing is None else spacing
     return [
         text
-        for data in _checked_data(form, conditions, vertices)
+        for data in _checked_data(form, conditions, vertices, form.points if points is None else points)
         for text in _variation_warnings(form.scene, data, width)
     ]
 
@@ -259,13 +264,14 @@ def nugget(values: Floats, points: Floats, spacing: float) -> float:
     return float(np.sqrt(share.max()))
 
 
-def _checked_data(form: Discretized, conditions: Iterable[DataAtPoints], vertices: int) -> Iterator[DataAtPoints]:
+def _checked_data(
+    form: Discretized, conditions: Iterable[DataAtPoints], vertices: int, points: Floats
+) -> Iterator[DataAtPoints]:
     """Yield f, c and the diffusivity, then data of conditions, each at some of the points where the form reads them.
 
-    f is left out if the equation smooths it, with ``vertices`` as for :func:`data_warnings`.
+    f is left out if the equation smooths it; ``vertices`` and ``points`` are as for :func:`data_warnings`.
     """
-    terms, points = form.scene.problem.terms(), form.data_points
-    points = points[_compared_rows(len(points))]
+    terms, points = form.scene.problem.terms(), points[_compared_rows(len(points))]
     if not _is_smoothed(form, terms, vertices):
         yield DataAtPoints("the right-hand side f", terms.f, points)
     yield DataAtPoints("the factor c", terms.c, points)

@@ -24,8 +24,8 @@ MESH_DIVISOR, TURNING_DIVISOR, CURVED_AREA, SEEN_LAYER_SPACINGS, SLOW_DIVISOR = 
 #: spacings the largest error hardly falls (of a body with one it was three times the estimate with 6; a torus: 8).
 BENDING_DIVISOR = 3.0
 #: On meshes that are folded on the coarser lattice, or on the finer one on more than a small share, and where charts
-#: cut at folds alone on one of the lattices; where they cut at voids, and on smooth sources whose folds persist on more
-#: than this share of the area.
+#: cut at folds alone on one of the lattices; where they cut at voids, on smooth sources whose folds persist on more
+#: than this share of the area, and on solids with reentrant corners or edges.
 FOLDED_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 1.0, 0.1
 #: Root mean square of third differences over that of errors, and largest over largest, of cells that follow the source
 #: (on 22 problems at 250 to 3,000 unknowns: 60 to 240, and 50 to 300), of flat cells (95 to 110, and 80 to 150), of
@@ -71,6 +71,8 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
     """Return the divisor at twice the spacing in :func:`difference_order`; ``smooth`` is that of smooth sources."""
     if resolution.end_or_layer_reason():
         return SLOW_DIVISOR
+    if resolution.is_reentrant:
+        return THIN_DIVISOR
     lattices = [each.coefficients.sampled for each in (resolution, coarser) if each is not None]
     if any(each.has_charts for each in lattices):
         return min(smooth, THIN_DIVISOR if any(each.has_voids for each in lattices) else FOLDED_DIVISOR)

@@ -190,11 +190,6 @@ class Galerkin(EquationAssembly, Discretized):
         return self.coefficients.points
 
     @property
-    def data_points(self) -> Floats:
-        """(p, d) the samples, or the mirror images of those outside a solid."""
-        return self.coefficients.data_points
-
-    @property
     def point_weights(self) -> Floats:
         """(p,) the quadrature weights of the samples."""
         return self.sampled.samples.weights[: self.sampled.interior]
@@ -309,6 +304,7 @@ class Galerkin(EquationAssembly, Discretized):
             for condition, points, across in zip(self.conditions, at, normals, strict=True)
             for name, data in condition.law.data
         ]
+        vertices = 0 if on_skin else len(mesh.vertices)
         return (
             *source,
             *crossing_warnings(self.scene, mesh, lattice),
@@ -316,7 +312,7 @@ class Galerkin(EquationAssembly, Discretized):
             *resolved,
             *(outflow_layer_warnings(self.terms_of_scene) if self.scene_advection is not None else ()),
             *self.resolution.tensor_layer_warnings(),
-            *data_warnings(self, data, self.space.finest_spacing, 0 if on_skin else len(mesh.vertices)),
+            *data_warnings(self, data, self.space.finest_spacing, vertices, self.coefficients.data_points),
         )
 
     def diagnosis(

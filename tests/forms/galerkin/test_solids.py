@@ -161,3 +161,19 @@ def test_iterations_do_not_grow():
         for h in (0.25, 0.125)
     }
     assert max(counts.values()) <= 30
+
+
+def test_the_error_at_reentrant_corners_is_known():
+    corners = np.array([[0, 0], [1, 0], [1, 0.5], [0.5, 0.5], [0.5, 1], [0, 1]]) @ [[0.8, 0.6], [-0.6, 0.8]]
+    solid = ck.source("solid", of=ck.source("mesh.polyline", points=corners, closed=True))
+    scene = ck.Scene(solid, ck.Poisson(1.0), edge=ck.Dirichlet(0.0))
+    fine = ck.solve(scene, 0.0125, form="galerkin")
+    feet = solid.closest_point(RNG.uniform(-0.6, 1.4, (1000, 2)))
+    x = feet.points[feet.edge < 0]
+    for spacing in (0.1, 0.05):
+        solution = ck.solve(scene, spacing, form="galerkin")
+        true = np.sqrt(np.mean((solution.evaluate(x) - fine.evaluate(x)) ** 2)) / np.ptp(fine.evaluate(x))
+        assert 0.5 < solution.error.rms[0] / true < 3.5
+        assert "reentrant" in solution.error.slow
+    box = ck.Scene(ck.source("analytic.box", lower=[0, 0], upper=[1, 1]), ck.Poisson(1.0), edge=ck.Dirichlet(0.0))
+    assert not ck.solve(box, 0.1, form="galerkin").error.slow

@@ -11,8 +11,8 @@ from cpmkit.forms.galerkin.mesh_of_manifold import mesh_of_manifold
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.abilities import HasMesh, HasSkin
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import unit
-from cpmkit.mesh.adjacency import repair, rim_of_edges
+from cpmkit.manifold.vector_algebra import dots, unit
+from cpmkit.mesh.adjacency import facets_of_two_cells, repair, rim_of_edges
 from cpmkit.mesh.cell_quadrature import PLAIN_EDGE_SPACINGS
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import subdivide
@@ -23,6 +23,8 @@ from cpmkit.types import Floats, Ints
 #: Longest edges of a curved skin, in spacings, by the dimension of the space. In space errors are those of edges of .7,
 #: to 3 percent, with two thirds of the samples; with 1.4 they are half as large again.
 LONGEST_EDGES = {2: PLAIN_EDGE_SPACINGS, 3: 1.0}
+#: Flat cells of a skin that turn by more than this towards each other enclose a reentrant angle.
+REENTRANT_DEGREES = 20.0
 #: Normals of a component of the skin are compared with the solid at so many of its cells, at most.
 PROBES = 32
 #: The solid is probed at this distance from its skin, as a share of the longest edge of a cell or the spacing.
@@ -55,6 +57,14 @@ class Skin:
         quarters = [(a, r, q), (b, p, r), (c, q, p), (p, q, r)]
         cells = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
         return Mesh.of(np.concatenate([mesh.vertices, middles]), cells), replace(mesh, midpoints=None)
+
+
+def has_reentrant_edges(mesh: Mesh) -> bool:
+    """Return whether two cells of a ``mesh`` with outward normals enclose a reentrant angle of the solid."""
+    first, second = (facets_of_two_cells(mesh)[1] // mesh.cells.shape[1]).T
+    normals, middles = _normals(mesh), mesh.vertices[mesh.cells].mean(axis=1)
+    turns = dots(normals[first], normals[second]) < np.cos(np.radians(REENTRANT_DEGREES))
+    return bool(np.any(turns & (dots(middles[second] - middles[first], normals[first]) > 0)))
 
 
 def skin_of(solid: LocalSource, lattice: Lattice) -> Skin:

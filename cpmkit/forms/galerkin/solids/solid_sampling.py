@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from cpmkit.forms.galerkin.dof_map import (
 )
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
-from cpmkit.forms.galerkin.solids.skin import Skin, skin_of
+from cpmkit.forms.galerkin.solids.skin import Skin, has_reentrant_edges, skin_of
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import localize
@@ -47,6 +48,11 @@ class SampledSolid(SampledScene):
 
     patches: SolidPatches  #: The connected parts of the solid in lattice cells.
     dof_map: DofMap  #: The dof map of the samples.
+
+    @cached_property
+    def is_reentrant(self) -> bool:
+        """Whether the skin has reentrant corners or edges."""
+        return has_reentrant_edges(self.mesh)
 
     @property
     def has_near_parts(self) -> bool:
