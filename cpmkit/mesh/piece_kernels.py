@@ -1,4 +1,4 @@
-"""Kernels that tell on which side of a component of the skin a point lies, and the moments of upper faces of cells.
+"""Kernels that find on which side of a component of the skin a point lies, and the moments of upper faces of cells.
 
 The pieces of a component, segments or convex polygons in one lattice cell, are ``order[piece_starts[c] :
 piece_starts[c + 1]]``. Piece p has the ``corners`` from ``corner_starts[p]`` on, the integral ``normals[p]`` of its

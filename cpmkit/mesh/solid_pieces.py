@@ -116,7 +116,7 @@ class SolidPatches:
 
     @cached_property
     def _geometry(self) -> tuple[Any, ...]:
-        """The arrays by which kernels tell the sides of components."""
+        """The arrays by which kernels find the sides of components."""
         return geometry_of(self.pieces, self.components)
 
     @cached_property

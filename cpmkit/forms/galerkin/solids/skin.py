@@ -70,7 +70,7 @@ def has_reentrant_edges(mesh: Mesh) -> bool:
 def skin_of(solid: LocalSource, lattice: Lattice) -> Skin:
     """Return the skin of a solid or of a union of solids.
 
-    Raises SceneError if it is not closed, or inside and outside cannot be told.
+    Raises SceneError if it is not closed, or inside and outside cannot be distinguished.
     """
     parts = [_skin_of_member(member, lattice) for member in solid.members]
     geometries = {part.geometry for part in parts}
@@ -189,7 +189,7 @@ def _oriented(mesh: Mesh, solid: LocalSource, boundary: LocalSource | None, latt
     if np.any(votes[members > 0] == 0):
         doubtful = chosen[votes[part[chosen]] == 0][0]
         raise SceneError(
-            "inside and outside of the solid cannot be told at its boundary near "
+            "inside and outside of the solid cannot be distinguished at its boundary near "
             f"{place(lattice.to_scene(_middles(mesh)[doubtful]))}; look there for parts that lie upon each other."
         )
     turned = np.flatnonzero(np.sign(votes)[part] * mesh.winding < 0)
