@@ -21,7 +21,7 @@ import numpy as np
 from cpmkit.errors import CpmkitError
 from cpmkit.studies.records import Record
 from cpmkit.studies.reference_values import compute_reference
-from cpmkit.studies.run_one import make_run
+from cpmkit.studies.run_one import measure_run
 from cpmkit.studies.studyfile import Study, load_study
 from cpmkit.studies.tables import table_row, table_rule
 
@@ -57,9 +57,9 @@ def compared(study: Study, spacing: float, origins: int) -> dict[str, list[Recor
     first = replace(study.sweep, lists={}, spacings=[COARSER * spacing], cheap=None, methods=METHODS, origins=1)
     sweep = replace(first, spacings=[spacing], origins=origins)
     for run in first.runs():
-        make_run(study, run, truth)
+        measure_run(study, run, truth)
     runs = sorted(sweep.runs(), key=lambda run: run.origin or 0)
-    records = [make_run(study, run, truth) for run in runs]
+    records = [measure_run(study, run, truth) for run in runs]
     return {method: [one for one in records if one["method"] == method] for method in METHODS}
 
 

@@ -1,6 +1,6 @@
 """Classes of solutions for users: records with methods that save, draw and convert them and estimate their error.
 
-Their attributes are those of the records; :func:`user_class_of` adds the documentation of these to theirs.
+Their attributes are those of the records; :func:`register_user_class` adds the documentation of these to theirs.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cpmkit.scene.surface_input import Surface
 from cpmkit.scenefile.look import LookKeywords, SavingKeywords, document_look
 from cpmkit.solution.frames import EvolvedRecord
 from cpmkit.solution.modes import EigenRecord
-from cpmkit.solution.record import SolutionRecord, user_class_of
+from cpmkit.solution.record import SolutionRecord, register_user_class
 from cpmkit.types import Floats
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cpmkit.view.showing import Page
 
 
-@user_class_of(SolutionRecord)
+@register_user_class(SolutionRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(SolutionRecord):
     """The solution of a scene, to be evaluated at points, integrated, saved and drawn, with its estimated error."""
@@ -40,16 +40,15 @@ class Solution(SolutionRecord):
     def error(self) -> ErrorEstimate:
         """The estimated error: the estimate that :func:`cpmkit.solve` made, or one computed on first use.
 
-        It is computed by a solve at twice the spacing, on surfaces for about a quarter of the solution's cost.
-
-        Raises CpmkitError if the scene cannot be solved at twice the spacing, or the solution has no lattice, was made
-        with ``estimate=False``, or its form has no estimate.
+        It is computed by a solve at twice the spacing, on surfaces for about a quarter of the solution's cost, or at
+        root two times the spacing if twice is too coarse. Raises CpmkitError if that does not work either, or the
+        solution has no lattice, was made with ``estimate=False``, or its form has no estimate.
         """
         return self.estimated or self._error
 
     @cached_property
     def _error(self) -> ErrorEstimate:
-        """The error estimate from a solve at twice the spacing, made at first use and cached."""
+        """The error estimate from a solve at a larger spacing, made at first use and cached."""
         from cpmkit.accuracy.estimate import error_of
 
         return error_of(self)
@@ -99,7 +98,7 @@ class Solution(SolutionRecord):
         return to_pyvista(self, vertices)
 
     def to_trimesh(self, vertices: str = "display") -> Any:
-        """Return a ``trimesh.Trimesh`` with the vertex attribute ``u``, (v,) or (v, channels).
+        """Return a ``trimesh.Trimesh`` with the vertex attribute ``u``, (v,), or ``u0``, ``u1``, ... for channels.
 
         ``vertices`` is as for :meth:`save`. Raises MissingDependencyError without trimesh, InputError where that does.
         """
@@ -128,7 +127,7 @@ class Solution(SolutionRecord):
         return html_table(f"Solution of {self.scene.problem.kind}", self._notebook_rows(), thumbnail(self))
 
 
-@user_class_of(EigenRecord)
+@register_user_class(EigenRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class EigenSolution(Solution, EigenRecord):
     """The solution of an eigenvalue problem: eigenfunction k is channel k, and is evaluated like any solution.
@@ -139,19 +138,19 @@ class EigenSolution(Solution, EigenRecord):
     """
 
 
-@user_class_of(QuasilinearRecord)
+@register_user_class(QuasilinearRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class QuasilinearSolution(Solution, QuasilinearRecord):
     """The solution of an equation whose diffusivity depends on u."""
 
 
-@user_class_of(BiharmonicRecord)
+@register_user_class(BiharmonicRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class BiharmonicSolution(Solution, BiharmonicRecord):
     """The solution of a biharmonic problem, with its Laplacian."""
 
 
-@user_class_of(EvolvedRecord)
+@register_user_class(EvolvedRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class EvolvedSolution(Solution, EvolvedRecord):
     """The solution of an equation in time at one time, which is evaluated, saved and drawn like any other."""

@@ -151,7 +151,7 @@ if TYPE_CHECKING:  # Forms and back ends
     from cpmkit.linear.operators import CsrOperator as CsrOperator
     from cpmkit.linear.operators import Stiffness as Stiffness
     from cpmkit.manifold.abilities import warnings_of as warnings_of
-    from cpmkit.mesh.mesh import edge_support as edge_support
+    from cpmkit.mesh.mesh import curvature_support as curvature_support
     from cpmkit.mesh.mesh import vertex_normals as vertex_normals
     from cpmkit.scene.boundary import BoundarySet as BoundarySet
     from cpmkit.scene.boundary import named_sides as named_sides
@@ -169,5 +169,6 @@ if not TYPE_CHECKING:  # else every name, even a misspelt one, would exist for a
     #: The names and the modules that define them, by their use.
     USES = names_by_use(__name__)
     _lazy, __dir__ = lazy_names(__name__, USES, "; docs/reference/plugin-api.md has what it offers")
-    _NEW_NAMES = {"support_of": "cpmkit.plugin.edge_support", "NamesLeft": "cpmkit.plugin.HasLeft"}
+    _NEW_NAMES = dict.fromkeys(("support_of", "edge_support"), "cpmkit.plugin.curvature_support")
+    _NEW_NAMES["NamesLeft"] = "cpmkit.plugin.HasLeft"
     __getattr__ = deprecated_names(__name__, _NEW_NAMES, _lazy)

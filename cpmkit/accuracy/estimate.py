@@ -39,9 +39,9 @@ SolveAt = Callable[[Scene, float], SolutionRecord]
 def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
     """Return the error of a solution, estimated from differences to solutions of its scene at larger spacings.
 
-    If ``tight`` the solution is compared at both the root of two and two times the spacing, else only at two times; at
-    the root of two times alone where two times is too coarse. ``solve_at`` solves. Raises ResolutionError if the scene
-    cannot be solved at that spacing either. Raises CpmkitError as ``solve`` does at the larger spacings.
+    The larger spacing is two times that of the solution, or root two times it if that is too coarse; both if ``tight``.
+    The estimate includes the error of steps in time, and its ``floor`` is that of the source. Raises ResolutionError if
+    root two times is too coarse as well, InputError for a frame at the start, and CpmkitError as ``solve_at`` does.
     """
     scene = with_further_modes(_scene_until(solution))
     coarse_solutions = _coarser_solutions(scene, solution, solve_at, RATIOS[tight])

@@ -48,7 +48,7 @@ class CommandGroup(click.Group):
         return [*self.commands, *(name for name in _plugin_commands() if name not in self.commands)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command ``cmd_name`` or None; raise PluginError if that of a plugin does not import or is none."""
+        """Return the command ``cmd_name`` or None; raise PluginError if a plugin's does not import or is no command."""
         built_in = super().get_command(ctx, cmd_name)
         point = _plugin_commands().get(cmd_name)
         if built_in or point is None:

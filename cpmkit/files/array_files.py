@@ -135,8 +135,8 @@ def read_saved(
     """
     rows, known = {row.name: row for row in table}, dict(sizes or {})
 
-    def check(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-        """Raise InputError if shape or type in the header of array ``name`` is not as in the table; store new sizes."""
+    def check_header(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        """Raise InputError if shape or type in the header of array ``name`` is not as in the table; store its sizes."""
         row = rows[name]
         expected = tuple(known.get(size, size) if isinstance(size, str) else size for size in row.shape)
         fits = len(shape) == len(expected) and all(
@@ -153,7 +153,7 @@ def read_saved(
             )
         known.update((size, actual) for size, actual in zip(row.shape, shape, strict=True) if isinstance(size, str))
 
-    arrays = read_arrays(path, rows, label, check)
+    arrays = read_arrays(path, rows, label, check_header)
     lacking = [row.name for row in rows.values() if row.needed and row.name not in arrays]
     if lacking:
         raise InputError(f"{shown(path.name)} is not {label}: it lacks the array {lacking[0]!r}.")

@@ -147,7 +147,7 @@ WHOLE_NUMBER_BOUND = 2**63
 def read_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], label: str, like: str) -> Parsed:
     """Return the result of ``make`` for the tables and the path of a TOML file.
 
-    ``label``, such as "scene file", and ``like`` describe the expected file in the error if there is none. Raises
+    An error names it by ``label``, such as "scene file", and ends with ``like``, such as ", such as a.toml". Raises
     SceneError if the file is missing, too large or does not parse, nests tables too deeply, or holds a control
     character or a whole number beyond 64 bits. InputErrors of ``make`` are raised with the file's name.
     """

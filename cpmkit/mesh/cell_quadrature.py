@@ -99,7 +99,7 @@ def longest_edge(sampling: str, geometry: CellGeometry, manifold_dim: int) -> fl
 def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing: float) -> Bools:
     """Return which cells (m,) are clipped at knot planes: no segments, and none if ``sampling`` is "plain".
 
-    With "clipped" all triangles are, with "auto" all but flat ones without an edge over ``PLAIN_EDGE_SPACINGS``.
+    With "clipped" all triangles are, with "auto" curved ones and flat ones with an edge over ``PLAIN_EDGE_SPACINGS``.
     """
     if not is_clipped(sampling, mesh.manifold_dim):
         return np.zeros(len(mesh.cells), dtype=bool)
@@ -239,7 +239,10 @@ def _point_functions() -> tuple[Floats, Floats, Floats]:
 
 
 def _segment_functions() -> tuple[Floats, Floats, Floats]:
-    """Return the shape functions (3, 3), derivatives (3, 3, 1) and weights (3,) at the three Gauss points of [0, 1]."""
+    """Return the shape functions (3, 3), derivatives (3, 3, 1) and weights (3,) of quadratic segments.
+
+    Rows are the three Gauss points of [0, 1], columns the nodes 0, 1, 1/2.
+    """
     gauss, weights = np.polynomial.legendre.leggauss(3)
     t = 0.5 * (gauss + 1)
     shares = np.stack([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)], axis=1)

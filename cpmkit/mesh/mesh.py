@@ -195,8 +195,8 @@ def rectangle(lower: Floats, upper: Floats, spacing: float) -> tuple[Floats, Int
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeSupport:
-    """The support of edges: how well the surface beyond their ends agrees with the curvature along them.
+class CurvatureSupport:
+    """The support of the curvature along edges: how well the surface beyond their ends agrees with it.
 
     Beside a fillet the normals at the corners of a flat face lean off it, and define a surface over the face that is as
     round as its edges are long. The true surface is flat there: beyond the ends of these edges it bends much more, over
@@ -222,12 +222,12 @@ class EdgeSupport:
         return np.asarray((self.ratio < limit) & (self.height > LOW_HEIGHT))
 
 
-def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> EdgeSupport:
-    """Return the support of the edges of triangles, from their chords and the normals at the vertices.
+def curvature_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> CurvatureSupport:
+    """Return how well the surface beyond edges supports the curvature along them, which follows from vertex normals.
 
     ``vertices`` (v, d), ``ends`` (e, 2): positions, and the vertices of each edge, each edge once.
     ``normals`` (e, 2, d): unit normals at the ends of each edge.
-    ``creased`` (v,): whether a vertex lies on a crease: its normal is not perpendicular to all its edges there.
+    ``creased`` (v,): whether a vertex lies on a crease, where no normal is perpendicular to all edges.
     """
     from cpmkit.mesh import mesh_kernels
 
@@ -235,7 +235,8 @@ def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) 
     first = np.r_[0, np.cumsum(np.bincount(corner, minlength=len(vertices)))]
     around = np.argsort(corner, kind="stable") // 2
     at, across = np.ascontiguousarray(vertices), np.ascontiguousarray(normals)
-    return EdgeSupport(*mesh_kernels.edge_supports(at, np.ascontiguousarray(ends), across, creased, first, around))
+    ends = np.ascontiguousarray(ends)
+    return CurvatureSupport(*mesh_kernels.curvature_supports(at, ends, across, creased, first, around))
 
 
 def vertex_normals(points: Floats, triangles: Ints) -> Floats:

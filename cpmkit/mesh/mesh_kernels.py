@@ -166,10 +166,10 @@ def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance:
 
 
 @compiled
-def edge_supports(
+def curvature_supports(
     vertices: Floats, ends: Ints, normals: Floats, creased: Bools, first: Ints, around: Ints
 ) -> tuple[Floats, Floats]:
-    """Return the ratio (e,) and the height (e,) of the :class:`~cpmkit.mesh.mesh.EdgeSupport` of edges.
+    """Return the ratio (e,) and the height (e,) of the :class:`~cpmkit.mesh.mesh.CurvatureSupport` of edges.
 
     ``vertices`` (v, d), ``ends`` (e, 2): positions, and the vertices of each edge.
     ``normals`` (e, 2, d): unit normals at the ends of each edge. ``creased`` (v,): vertices on creases.
@@ -188,10 +188,10 @@ def edge_supports(
             directions[edge, i] /= lengths[edge] if squared > 0 else 1.0
             for side in range(2):
                 slopes[edge, side] += directions[edge, i] * normals[edge, side, i]
-    support, heights = np.empty(count), np.empty(count)
+    ratios, heights = np.empty(count), np.empty(count)
     for edge in range(count):
         turning = abs(slopes[edge, 1] - slopes[edge, 0])  # curvature times length
-        support[edge], heights[edge] = MOST_CURVATURE_RATIO, turning / 8
+        ratios[edge], heights[edge] = MOST_CURVATURE_RATIO, turning / 8
         for side in range(2):
             end = ends[edge, side]
             total = curvature = length = 0.0
@@ -209,7 +209,7 @@ def edge_supports(
                     total += cosine * cosine
                     at_end, beyond = abs(slopes[other, there]), abs(slopes[other, 1 - there])
                     bend = 2 * at_end if creased[ends[other, 1 - there]] else at_end + beyond
-                    # Projected on this edge: along its diagonals a cylinder has the curvature of the ring beyond.
+                    # Its weight cos^2 times its curvature cos^2 along this edge: exact for the diagonals of a cylinder.
                     curvature += cosine**4 * bend / lengths[other]
                     length += cosine * cosine * lengths[other]
             ratio = 1.0
@@ -217,8 +217,8 @@ def edge_supports(
                 weighted = turning / lengths[edge] * total
                 ratio = MOST_CURVATURE_RATIO if weighted >= MOST_CURVATURE_RATIO * curvature else weighted / curvature
                 ratio *= min(1.0, length / (total * lengths[edge]))
-            support[edge] = min(support[edge], ratio)
-    return support, heights
+            ratios[edge] = min(ratios[edge], ratio)
+    return ratios, heights
 
 
 @compiled

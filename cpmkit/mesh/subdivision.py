@@ -86,7 +86,7 @@ def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
 def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floats:
     """Return the share (f,) of its height that each edge keeps once edges are halved, from the shares before.
 
-    The height is that of a surface above the edge (:class:`~cpmkit.mesh.mesh.EdgeSupport`). Both halves of
+    The height is that of a surface above the edge (:class:`~cpmkit.mesh.mesh.CurvatureSupport`). Both halves of
     an edge have its share, an edge between two middles that of the edge it is parallel to, an edge from a middle to the
     opposite corner the lesser of the shares of the two edges that met at this corner.
     ``edges``, ``of``: the edges before and after halving. ``share`` (e,): the shares before.

@@ -22,7 +22,7 @@ from cpmkit.manifold.abilities import HasMembers, HasMesh
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import Rows
 from cpmkit.manifold.vector_algebra import dots, norms, unit
-from cpmkit.mesh.mesh import CellGeometry, EdgeSupport, Mesh, edge_support
+from cpmkit.mesh.mesh import CellGeometry, CurvatureSupport, Mesh, curvature_support
 from cpmkit.mesh.subdivision import halve_edges, inherit_shares, split_at_knot_planes
 from cpmkit.meshing.curved_from_points import (
     CREASED_EDGE_SHARE,
@@ -154,12 +154,12 @@ def smooth_midpoints(
     return 0.5 * (a + b) + np.where(straight, 0.0, share)[:, None] * height, SmoothNormals(across, flat)
 
 
-def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> EdgeSupport:
+def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> CurvatureSupport:
     """Return how well the surface beyond the ends of each edge of triangles supports its bend, from vertex normals."""
-    return edge_support(mesh.vertices, mesh.edges.ends, normals.across[mesh.edges.ends], normals.flat)
+    return curvature_support(mesh.vertices, mesh.edges.ends, normals.across[mesh.edges.ends], normals.flat)
 
 
-def own_edge_support(source: LocalSource) -> EdgeSupport | None:
+def own_curvature_support(source: LocalSource) -> CurvatureSupport | None:
     """Return how well the surface beyond the ends of each edge of a source's own mesh agrees with the bend along it.
 
     It is computed once and cached. None for a source whose mesh depends on the spacing, or was not made yet.
@@ -230,7 +230,7 @@ def _height_shares(source: LocalSource, mesh: Mesh, normals: SmoothNormals) -> F
 
     It is 1 if all edges of the source's own cells, or of all members of a union, keep it; else from ``normals``.
     """
-    cache, support = mesh_cache_of(source), own_edge_support(source)
+    cache, support = mesh_cache_of(source), own_curvature_support(source)
     if cache is not None and support is not None and cache.has_cells_of(mesh):
         return support.share
     smooth = _is_supported_union(source) if support is None else bool((support.share == 1.0).all())
@@ -245,7 +245,7 @@ def _is_supported_union(source: LocalSource) -> bool:
         part = LocalSource(member, np.zeros(source.dim), source.queries, of=member)
         if isinstance(member, HasMesh):
             mesh_cache_of(part, member.mesh(float(np.ptp(member.bounds, axis=0).max()))[1])
-        support = own_edge_support(part)
+        support = own_curvature_support(part)
         if support is None or (support.share < 1.0).any():
             return False
     return True

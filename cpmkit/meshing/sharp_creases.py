@@ -88,13 +88,13 @@ def _is_exact(source: LocalSource, share: float, lengths: Floats) -> bool:
 
 
 def sharpen_vertices(mesh: Mesh, source: LocalSource) -> Mesh:
-    """Return the mesh with the vertices of creased edges on creases, unless they are on a rim or boundary, or far off.
+    """Return the mesh with ends of creased edges moved onto creases, unless they are on a rim or boundary, or far off.
 
-    Edges that a crease crosses between other vertices are halved on it, and short edges beside creases are collapsed.
+    Edges that a crease crosses opposite to such an end are halved on it, and short edges beside creases are collapsed.
     """
     on_crease = np.zeros(len(mesh.vertices), dtype=bool)
     for _ in range(SHARPENING_ROUNDS):
-        creased = creased_edges(mesh, source, farthest=1.0)  # vertices are not on it yet
+        creased = creased_edges(mesh, source, farthest=1.0)  # their vertices are not on creases yet
         if not creased.any():
             break
         faces = _faces_at(mesh, creased)

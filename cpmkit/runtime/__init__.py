@@ -1,1 +1,1 @@
-"""Services for all packages: checked input, options, memory, threads, compilation, progress, messages and old names."""
+"""Services for all packages: checked input, options, memory, compilation, index sets, progress, messages, old names."""

@@ -96,7 +96,7 @@ def document_options(*kinds: type[DeclaredOptions]) -> Callable[[Function], Func
     """
 
     def document(function: Function) -> Function:
-        """Replace the docstring and signature of ``function``, and return it."""
+        """Insert the options into docstring and signature of ``function``, and return it."""
         signature = inspect.signature(function)
         *parameters, rest = signature.parameters.values()
         members: dict[str, list[Any]] = {}

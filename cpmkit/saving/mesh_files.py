@@ -159,7 +159,7 @@ def to_pyvista(solution: SolutionRecord, vertices: str = "display") -> Any:
 
 
 def to_trimesh(solution: SolutionRecord, vertices: str = "display") -> Any:
-    """Return the mesh ("display" or "own") as a ``trimesh.Trimesh`` with colours and ``u``, or ``u0``, ``u1``, ..."""
+    """Return a ``trimesh.Trimesh`` with colours and ``u``, or ``u0``, ...; see :meth:`cpmkit.Solution.to_trimesh`."""
     trimesh, mesh = _library_and_mesh("trimesh", solution, vertices)
     made = trimesh.Trimesh(in_three_dimensions(mesh.points), mesh.triangles, process=False)
     made.visual.vertex_colors = as_bytes(colours_of(mesh))

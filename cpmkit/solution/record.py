@@ -29,7 +29,7 @@ UserClass = TypeVar("UserClass", bound="type[SolutionRecord]")
 _user_classes: dict[type, type] = {}
 
 
-def user_class_of(record: type[SolutionRecord]) -> Callable[[UserClass], UserClass]:
+def register_user_class(record: type[SolutionRecord]) -> Callable[[UserClass], UserClass]:
     """Return a class decorator: objects of class ``record`` are then constructed as objects of the decorated class.
 
     The decorated class is derived from ``record`` and adds saving and drawing; families of equations construct records,
@@ -288,8 +288,8 @@ class SolutionRecord:
         """Return the integral over the manifold of the solution, or of a function of it.
 
         The Galerkin form integrates over its own quadrature points, on its discrete surface; other forms over curved
-        cells of the mesh that is cut along the boundaries. Both keep jumps sharp: on smooth manifolds the
-        error is of third order in the spacing or better, and less than that of the solution.
+        cells of the mesh that is cut along the boundaries. Both keep jumps sharp. On smooth manifolds the error
+        of the quadrature is of third order in the spacing or better, and less than that of the solution.
 
         Parameters
         ----------
@@ -297,7 +297,7 @@ class SolutionRecord:
             Integrated in place of the solution: called with points (n, d) of the manifold and the values there, (n,) or
             (n, channels), it returns (n,) or (n, k). ``1`` gives the length, area or volume.
         dim : int, optional
-            Dimension of the parts over which is integrated, for a union with parts of several dimensions, since lengths
+            Dimension of the parts that are integrated over, for a union with parts of several dimensions, since lengths
             and areas do not add up.
 
         Returns

@@ -64,13 +64,13 @@ def tie_step_to_spacing(scene: Scene, step_per_spacing: float | None, spacing: f
     return replace(scene, problem=replace(problem, step=problem.duration / max(steps, 1)))
 
 
-def make_run(
+def measure_run(
     study: Study, run: Run, truth: reference_values.Reference, progress: Progress = no_progress
 ) -> records.Record:
     """Solve the scene of a run, and return the record: parameters, errors, work and seconds.
 
     ``truth`` are the reference values. After a ResolutionError or ConvergenceError, or if the largest error is NaN or
-    too large to record, the entry ``error``, a message, replaces the measured ones. Other exceptions are raised.
+    too large to record, the entry ``error``, a message, replaces errors, work and seconds. Other exceptions are raised.
     """
     named = {"study": study.name, "title": study.title, "content": study.content}
     record: records.Record = {**named, "reference": study.exact.reference, **run.as_dict()}
@@ -174,9 +174,10 @@ def run_study(
 ) -> Outcome:
     """Solve and record the runs of a study that are not recorded in ``folder`` yet, and return the numbers of runs.
 
-    A run that fails as in :func:`make_run` is recorded with its message, and the study continues. An interrupted study
-    continues at the next call. Raises InputError if one of ``spacings`` is not in the study, or records cannot be read
-    or written; if runs are left to make, CpmkitError if the study is wrong: its scene, its formulas or its options.
+    A run that fails as in :func:`measure_run` is recorded with its message, and the study continues. After an
+    interruption it continues at the next call. Raises InputError if one of ``spacings`` is not in the study, or records
+    cannot be read or written; if runs are left to make, CpmkitError if the study is wrong: its scene, its formulas or
+    its options.
 
     ``folder``: folder of the records, which is created.
     ``cheap``: use the study's cheap spacings only.
@@ -204,14 +205,14 @@ def run_study(
     failed = 0
     for run in {run.method: run for run in reversed(study.sweep.runs(cheap))}.values():
         # A rough run of each method first, so that compilation is no cost of any.
-        make_run(study, replace(run, targets=(("tolerance", 0.1),)) if run.targets else run, truth)
+        measure_run(study, replace(run, targets=(("tolerance", 0.1),)) if run.targets else run, truth)
     for number, run in enumerate(pending, len(runs) - len(pending) + 1):
         stage = f"run {number} of {len(runs)}"
 
         def report_share(_: str, share: float, stage: str = stage) -> None:
             progress(stage, min(share, 0.99))  # below 1, since the run is not recorded yet
 
-        record = make_run(study, run, truth, report_share)
+        record = measure_run(study, run, truth, report_share)
         folder.mkdir(parents=True, exist_ok=True)  # not earlier: a study that fails at once leaves no folder
         records.append_record(file, record)
         progress(stage, 1.0)

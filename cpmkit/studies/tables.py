@@ -125,8 +125,8 @@ def differences_sentence(series: Sequence[Series]) -> str:
     return (
         f"Differences from the solution of the back end {series[0].reference!r}, whose own error is not known, in "
         "percent of half its range: the root mean square, with the mean difference kept in and removed; the largest; "
-        "and by how much the mean was put right before, where it leaked. Unknowns and the share of twins among them "
-        "are those of the first method."
+        "and by how much the mean was corrected before. Unknowns, and the share of twins (second unknowns at a node) "
+        "among them, are those of the first method."
     )
 
 

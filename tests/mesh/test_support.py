@@ -6,7 +6,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.mesh.subdivision import halve_edges, inherit_shares
-from cpmkit.meshing.curved_from_normals import own_edge_support
+from cpmkit.meshing.curved_from_normals import own_curvature_support
 from cpmkit.plugin import Mesh, localize
 
 
@@ -60,7 +60,7 @@ SMOOTH = {
 def test_smooth_shapes_keep_all_of_their_lift(name):
     local = localize(source(SMOOTH[name]), np.zeros(3))
     ck.prepare(ck.Scene(local.source, ck.ScreenedPoisson(1.0)), 0.3, form="galerkin")
-    support = own_edge_support(local)
+    support = own_curvature_support(local)
     assert len(support.share)
     assert (support.share == 1.0).all()
 

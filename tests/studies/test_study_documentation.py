@@ -12,7 +12,7 @@ from measure_docs import block_texts
 from cpmkit.cli import main
 from cpmkit.studies.records import group_into_series, read_records
 from cpmkit.studies.reference_values import compute_reference
-from cpmkit.studies.run_one import make_run, run_study
+from cpmkit.studies.run_one import measure_run, run_study
 from cpmkit.studies.studyfile import load_study
 
 ROOT = Path(__file__).parents[2]
@@ -47,5 +47,5 @@ def test_every_key_of_a_study_is_documented(tmp_path):
     assert {"title", *keys} - named == set()
     assert {f"[{table}]" for table in tables if table not in ("title", "boundary")} - named == set()
     study = load_study(STUDIES / "panel-a-circle-jump.toml")
-    record = make_run(study, study.sweep.runs()[0], compute_reference(study))
+    record = measure_run(study, study.sweep.runs()[0], compute_reference(study))
     assert {*record, "error"} - named == set()

@@ -14,7 +14,7 @@ from cpmkit.errors import InputError, PluginError, SceneError
 from cpmkit.studies.records import append_record, group_into_series, read_records
 from cpmkit.studies.reference_values import compute_reference
 from cpmkit.studies.report import write_report
-from cpmkit.studies.run_one import make_run, run_study
+from cpmkit.studies.run_one import measure_run, run_study
 from cpmkit.studies.studyfile import load_study
 from cpmkit.studies.sweep import Sweep
 
@@ -283,7 +283,7 @@ def test_a_solution_beyond_all_use_is_recorded_as_an_error(tmp_path):
     one = study(tmp_path)
     truth = compute_reference(one)
     truth = replace(truth, values=np.full_like(truth.values, 1e300))
-    record = make_run(one, one.sweep.runs()[0], truth)
+    record = measure_run(one, one.sweep.runs()[0], truth)
     assert record["error"].startswith("ResolutionError: the error 1e+300 of the solution")
 
 

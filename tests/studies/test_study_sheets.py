@@ -16,7 +16,7 @@ from cpmkit.errors import InputError, SceneError
 from cpmkit.studies.records import append_record, group_into_series, read_records
 from cpmkit.studies.reference_values import compute_reference
 from cpmkit.studies.report import write_report
-from cpmkit.studies.run_one import make_run, run_study
+from cpmkit.studies.run_one import measure_run, run_study
 from cpmkit.studies.studyfile import load_study
 from cpmkit.studies.tables import run_sentence
 
@@ -87,7 +87,7 @@ def measured(name, which=0):
     assert (upper - lower).max() == pytest.approx(1, abs=1e-8)
     measure = compute_reference(study)
     runs = [run for run in study.sweep.runs() if run.spacing == study.sweep.spacings[which]]
-    return [series.entries[0] for series in group_into_series([make_run(study, run, measure) for run in runs])]
+    return [series.entries[0] for series in group_into_series([measure_run(study, run, measure) for run in runs])]
 
 
 def check_row(name, parted, mixed):

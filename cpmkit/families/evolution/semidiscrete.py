@@ -193,7 +193,7 @@ class SemiDiscrete:
         return self._load + self._condition_load(0.0)
 
     def forcing(self, time: float) -> Floats:
-        """Return the forcing b (n, channels) at a time, computed once if no data depend on it; so is the load of f."""
+        """Return the forcing b (n, channels) at a time: cached if no data depend on it, the load of f if f does not."""
         if not self.depends_on_time:
             return self.steady_forcing
         load = self.form.load(self.f, time) if takes_time(self.f) else self._load

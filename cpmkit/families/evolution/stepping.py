@@ -67,7 +67,7 @@ def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
     right_side = problem.apply_mass(history[-1].u) + h * problem.forcing(step.end)
     if problem.reaction is not None:
         right_side += h * problem.reaction_load(history[-1])
-    return Moment(solver.solve(h, right_side, extrapolate_moments(history, h)), None, h, time=step.end)
+    return Moment(solver.solve(h, right_side, extrapolate_in_time(history, h)), None, h, time=step.end)
 
 
 def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
@@ -83,7 +83,7 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
     if problem.reaction is not None:
         now, past = problem.reaction_load(history[-1]), problem.reaction_load(before)
         right_side += gh * (now + ratio * (now - past))
-    return Moment(solver.solve(gh, right_side, extrapolate_moments(history, step.length)), None, step.length)
+    return Moment(solver.solve(gh, right_side, extrapolate_in_time(history, step.length)), None, step.length)
 
 
 def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
@@ -91,11 +91,11 @@ def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
     half, u = 0.5 * step.length, history[-1].u
     solver.tally.operator_applications += u.shape[1]
     right_side = problem.apply_mass(u) + half * (problem.net_forcing(u, step.start) + problem.forcing(step.end))
-    return Moment(solver.solve(half, right_side, extrapolate_moments(history, step.length)), None, step.length)
+    return Moment(solver.solve(half, right_side, extrapolate_in_time(history, step.length)), None, step.length)
 
 
 def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of ``step`` by Crank-Nicolson, or if it is the first by two half steps.
+    """Return the moment at the end of ``step`` by Crank-Nicolson, of the first step by two half steps.
 
     The half steps are of backward Euler, and have the same matrix as the step of Crank-Nicolson. ``history`` has the
     moments so far.
@@ -135,8 +135,8 @@ def bdf2_start(now: Floats, before: Floats, ratio: float) -> Floats:
     return np.asarray(((1 + ratio) ** 2 * now - ratio**2 * before) / (1 + 2 * ratio))
 
 
-def extrapolate_moments(history: History, length: float) -> Floats:
-    """Return u (n, channels) at ``length`` after the last of ``history``, by the polynomial through all its moments."""
+def extrapolate_in_time(history: History, length: float) -> Floats:
+    """Return u (n, channels) a time ``length`` after the last of ``history``, by the polynomial in time through all."""
     times = -np.cumsum([0.0, *(moment.length for moment in history[:0:-1])])
     values = np.zeros_like(history[-1].u)
     for k, moment in enumerate(reversed(history)):
@@ -152,7 +152,7 @@ def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step
     solver.tally.operator_applications += now.u.shape[1]
     force = problem.net_forcing(now.u, step.start) + problem.forcing(step.end)
     right_side = problem.apply_mass(now.u + h * now.rate) + 0.25 * h**2 * force
-    u = solver.solve(0.25 * h**2, right_side, extrapolate_moments(history, h))
+    u = solver.solve(0.25 * h**2, right_side, extrapolate_in_time(history, h))
     return Moment(u, 2 / h * (u - now.u) - now.rate, h)
 
 
@@ -189,7 +189,7 @@ def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History
         gh = (1 + ratio) / (1 + 2 * ratio) * step.length
         u, rate = bdf2_start(now.u, before.u, ratio), bdf2_start(now.rate, before.rate, ratio)
     right_side = problem.apply_mass(u + gh * rate) + gh**2 * problem.forcing(step.end)
-    values = solver.solve(gh**2, right_side, extrapolate_moments(history, step.length))
+    values = solver.solve(gh**2, right_side, extrapolate_in_time(history, step.length))
     return Moment(values, (values - u) / gh, step.length)
 
 

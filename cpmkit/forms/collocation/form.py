@@ -15,7 +15,7 @@ from cpmkit.forms.collocation.discretization import Work, build_tables, measure_
 from cpmkit.forms.collocation.extension_operator import BoundaryMass, ExtensionOperator, build_operator, check_terms
 from cpmkit.forms.collocation.layout_checks import check_waves, layout_warnings, sharp_bend_warnings
 from cpmkit.forms.collocation.mean_weights import (
-    components_without_flux,
+    closed_components,
     correct_means,
     describe_imbalances,
     mean_matrix,
@@ -221,7 +221,7 @@ class Collocation(Reader):
         """
         if self.options.own.order == 1:
             return None
-        count, piece = components_without_flux(self.tables, self.scene)
+        count, piece = closed_components(self.tables, self.scene)
         return mean_matrix(self.tables, count, piece)[0] if count else None
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:

@@ -214,8 +214,8 @@ def _describe_place(tables: Discretization, scene: Scene, members: Ints) -> dict
 # small flux is lost or gained, and where c is small the mean of u is off by that flux over c.
 
 
-def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
-    """Return the number of components that no flux leaves, and each unknown's component (n,), -1 on other ones.
+def closed_components(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
+    """Return the number of components that no flux leaves, and each unknown's component (n,), -1 elsewhere.
 
     If any boundary has ghosts there are none; otherwise they are the components whose edges all have zero flux, and
     those without edges.
@@ -232,19 +232,19 @@ def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, 
 
 
 def correct_means(tables: Discretization, scene: Scene, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
-    """Return u (n, channels) with a corrected mean on each component that no flux leaves, and the imbalances corrected.
+    """Return u (n, channels), its mean on closed components times c being that of f, and the imbalances corrected.
 
-    Nothing is corrected where boundaries have ghosts, where c varies or is not positive (as for Helmholtz), where there
-    is a velocity, and where c is so large that a lost flux changes u locally and not by a constant; nor on a component
-    with edges, where means are less exact, if the imbalance is small or the order is 1, at which means are as inexact
-    as u. ``b`` (n, channels): the right-hand side.
+    u is returned unchanged if a boundary has ghosts, c varies or is not positive (as for Helmholtz), there is a
+    velocity, or c is so large that a lost flux changes u locally and not by a constant. Where a component has edges,
+    means are less exact: u is corrected only if the imbalance is large, and the order 2. ``b`` (n, channels): the
+    right-hand side.
     """
     terms, layout = scene.problem.terms(), tables.layout
     if callable(terms.c) or terms.c <= 0 or terms.velocity is not None:
         return u, ()
     if terms.c * float(np.ptp(layout.band.feet.points, axis=0).max()) ** 2 > SMALL_REACTION:
         return u, ()
-    count, component = components_without_flux(tables, scene)
+    count, component = closed_components(tables, scene)
     if not count:
         return u, ()
     mean, members, component = mean_matrix(tables, count, component)

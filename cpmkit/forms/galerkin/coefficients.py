@@ -161,7 +161,7 @@ class SampleCoefficients(PointReader):
 
 
 def check_diffusivity(a: Floats) -> Floats:
-    """Return the diffusivity ``a`` (k,), or raise InputError with its smallest value unless that is positive."""
+    """Return the diffusivity ``a`` (k,), finite, at samples; raise InputError with its least value if not positive."""
     if np.any(a <= 0):
         raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
     return a

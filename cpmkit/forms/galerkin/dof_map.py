@@ -167,9 +167,10 @@ def connected_pieces(dof_map: DofMap, across_ties: bool = True) -> tuple[int, In
 
 
 def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
-    """Return the lines (d k, degree + 1) of unknowns inside patches, along each axis, through k unknowns.
+    """Return lines (d k, degree + 1) of unknowns: along each axis, those of the patch in line with each of k unknowns.
 
-    ``entries`` (k,) are places in ``dof_map.unknowns.ravel()``, each an unknown in a patch. Lines ascend by axis.
+    ``entries`` (k,) are places in ``dof_map.unknowns.ravel()``, each an unknown in a patch. Lines along the first axis
+    come first.
     """
     flat, width = dof_map.unknowns.ravel(), dof_map.width
     lines = [(entries - entries // s % width * s)[:, None] + s * np.arange(width) for s in dof_map.strides]

@@ -12,7 +12,7 @@ from cpmkit.forms.galerkin.resolution import PERSISTING_AREA, Resolution
 from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import SUPPORTED, UNSUPPORTED, CellGeometry
-from cpmkit.meshing.curved_from_normals import own_edge_support
+from cpmkit.meshing.curved_from_normals import own_curvature_support
 from cpmkit.meshing.mesh_cache import mesh_cache_of
 from cpmkit.types import Floats
 
@@ -208,7 +208,7 @@ def _areas_by_support(surface: LocalSource) -> Floats | None:
 
     Doubtful includes unsupported. None without a mesh that is the same at any spacing, or if it was not made yet.
     """
-    cache, support = mesh_cache_of(surface), own_edge_support(surface)
+    cache, support = mesh_cache_of(surface), own_curvature_support(surface)
     if cache is None or support is None:
         return None
     corners = cache.mesh.vertices[cache.mesh.cells]

@@ -98,7 +98,7 @@ def _refine_junctions(source: LocalSource, graph: CurveGraph, step: float) -> Cu
         accepted = norms(meeting - graph.vertices[moved]) < step
         vertices[moved[accepted]] = meeting[accepted]
     is_junction = np.isin(np.arange(len(vertices)), junctions)
-    segments = _distinct(_merge_near(vertices, is_junction, 0.2 * step)[graph.segments])
+    segments = _distinct(_merge_into_junctions(vertices, is_junction, 0.2 * step)[graph.segments])
     return CurveGraph(vertices, segments, project_middles(source, vertices, segments), graph.ends)
 
 
@@ -138,7 +138,7 @@ def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> C
     vertices = np.concatenate([graph.vertices, points])
     old = len(graph.vertices)
     new = old + np.arange(len(points))
-    same = _merge_near(vertices, np.arange(len(vertices)) >= old, 0.2 * step)
+    same = _merge_into_junctions(vertices, np.arange(len(vertices)) >= old, 0.2 * step)
     segments = same[_split_segments(graph, np.concatenate([i, j]), np.tile(new, 2), np.tile(points, (2, 1)))]
     segments = _distinct(segments)
     is_tip = np.zeros(len(vertices), dtype=bool)
@@ -237,10 +237,10 @@ def _meeting_points(
     return points, np.maximum(norms(p - q), norms(points - middle))
 
 
-def _merge_near(vertices: Floats, is_junction: Bools, reach: float) -> Ints:
-    """Return the representative (v,) of each vertex: the first junction of those connected by steps up to ``reach``.
+def _merge_into_junctions(vertices: Floats, is_junction: Bools, reach: float) -> Ints:
+    """Return the vertex (v,) that each vertex of a curve graph is merged into: a junction within ``reach``, or itself.
 
-    Groups without a junction are represented by one of their vertices.
+    Junctions within ``reach`` of each other or of the same vertex are all merged into the first of them.
     """
     from scipy.spatial import KDTree
 
@@ -251,7 +251,7 @@ def _merge_near(vertices: Floats, is_junction: Bools, reach: float) -> Ints:
     count, group = connected_components(len(vertices), np.stack([junctions[pairs.row], pairs.col], axis=1))
     representative = np.empty(count, dtype=np.int64)
     order = np.arange(len(vertices))[::-1]
-    order = np.concatenate([order[~is_junction[order]], order[is_junction[order]]])  # the first junction comes last
+    order = np.concatenate([order[~is_junction[order]], order[is_junction[order]]])  # the last value assigned stays
     representative[group[order]] = order
     return np.asarray(representative[group])
 

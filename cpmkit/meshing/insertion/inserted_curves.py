@@ -80,10 +80,10 @@ def refine_curve(
 
 
 def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPolyline]) -> tuple[Floats, Ints]:
-    """Return points (k, 3) of a segment with ``ends`` (2, 3), and their partners (k, 2) on an earlier polyline.
+    """Return points (k, 3) of a segment with ``ends`` (2, 3), and their partners (k, 2), points of an earlier polyline.
 
-    These are the points that the earlier polyline has between the ``partners`` (2, 2) of the segment's ends; none
-    unless these follow each other among the points of its simplified curve.
+    If the ``partners`` (2, 2) of the ends follow each other in its simplified curve, each of its points between them is
+    the partner of a point of the segment, at the same share of the length; else there are none.
     """
     none = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
     number = int(partners[0, 0])

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.plugin import Bools, Floats, Ints, edge_support, place, unit
+from cpmkit.plugin import Bools, Floats, Ints, curvature_support, place, unit
 from cpmkit_mesh.corner_normals import LEAST_NEIGHBOUR_SPREAD
 from cpmkit_mesh.face_geometry import double_areas
 
@@ -21,9 +21,9 @@ UNSUPPORTED_AREA_SHARE = 0.05
 def tilt_normals_at_unsupported_edges(mesh: OrientedTriangleMesh) -> Floats:
     """Return (m, 3, 3) unit normals at corners, tilted least so that they are orthogonal to unsupported edges.
 
-    They are orthogonal in the least squares sense. An edge is unsupported (:class:`EdgeSupport`) if the surface beyond
-    its ends bends much more, over a much shorter length. The corners of a flat face beside a fillet then have the
-    face's normal. Where the unsupported edges at a vertex have about one direction, the normal is tilted in that
+    They are orthogonal in the least squares sense. An edge is unsupported (:class:`CurvatureSupport`) if the surface
+    beyond its ends bends much more, over a much shorter length. The corners of a flat face beside a fillet then have
+    the face's normal. Where the unsupported edges at a vertex have about one direction, the normal is tilted in that
     direction alone.
     """
     ends, unsupported, _ = _unsupported_edges(mesh)
@@ -73,5 +73,5 @@ def _unsupported_edges(mesh: OrientedTriangleMesh) -> tuple[Ints, Bools, Ints]:
     face, corner = np.divmod(first, 3)
     normals = mesh.normals_at_corners[face[:, None], np.stack([corner + 1, corner + 2], axis=1) % 3]
     edges = np.stack([starts.ravel()[first], ends.ravel()[first]], axis=1)
-    unsupported = edge_support(mesh.vertices, edges, normals, mesh.at_crease).unsupported()
+    unsupported = curvature_support(mesh.vertices, edges, normals, mesh.at_crease).unsupported()
     return edges, unsupported & ~mesh.at_crease[edges].any(axis=1), of_faces.reshape(faces.shape)

@@ -138,7 +138,7 @@ def _renumber(labels: Ints) -> Ints:
 
 
 def _has_cell_beyond(half: HalfFacets) -> Bools:
-    """Return for each half facet (n,), a facet of one cell, whether the mesh is cut there with a cell beyond it."""
+    """Return which half facets (n,) are on cuts that have a cell on the other side too, not on a rim."""
     on = half.cut >= 0
     count = np.bincount(half.cut[on], minlength=int(half.cut.max(initial=-1)) + 1)
     twice = np.zeros(len(half.cut), dtype=bool)
@@ -193,17 +193,17 @@ class OneSidedLimits:
         """
         return self._extrapolate_limits(data, label)[0] if callable(data) else self._positive_values(data, 0.0, label)
 
-    def conormal_flux(self, tensors: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
-        """Return the factor s and the direction that give the conormal flux b . A grad u of tensors A at the samples.
+    def conormal_flux_factors(self, tensors: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+        """Return a factor s and directions, which give the conormal flux b . A grad u of tensors A at the samples.
 
         With s = b . A b and the direction A b / s, whose component along b is 1, the flux is s times the derivative
         along that direction: all conditions hold unchanged with s as diffusivity and this derivative as du/db. The mean
-        of A over tangents is that of :meth:`value`. The tensor divided by this mean is evaluated at two points inside,
-        and extrapolated to the boundary unless b . A b there is at most half its value at the nearer point, which is
-        then used. Raises InputError if the mean is not positive.
+        of A over tangents is extrapolated as in :meth:`value`, the ratio A to mean linearly from two points inside. If
+        b . A b would fall to less than half its value at the nearer point, the ratio is that at the nearer point.
+        Raises InputError if the mean is not positive.
 
         ``tensors``: A as a function of points (b, d) in the scene's coordinates that returns (b, d, d).
-        Returned ``a`` (b,): s; at points of a surface, which have no conormal, the mean of A over tangents.
+        Returned ``s`` (b,): at points of a surface, which have no conormal, the mean of A over tangents.
         Returned ``directions`` (b, d): A b / s, tangent to the manifold; zero at points of a surface.
         """
         label, normals, b = "the diffusivity", self.samples.normals, self.samples.conormals
@@ -220,7 +220,7 @@ class OneSidedLimits:
         direction = np.einsum("bij,bj->bi", np.where(definite[:, None, None], limit, near), b)
         direction -= np.einsum("bci,bc->bi", normals, np.einsum("bci,bi->bc", normals, direction))
         share = np.einsum("bi,bi->b", b, direction)
-        share = np.where(share > 0, share, 1.0)
+        share = np.where(share > 0, share, 1.0)  # zero at points of a surface
         return value * share, direction / share[:, None]
 
     @property

@@ -306,7 +306,7 @@ def condition_terms(
     if slopes_along is None:
         a = limits.value(diffusivity, "the diffusivity")
     else:
-        a, directions = limits.conormal_flux(diffusivity)
+        a, directions = limits.conormal_flux_factors(diffusivity)
         slopes = slopes_along(directions)
     for condition in conditions_with_law(conditions, Interface):
         for numbers, side in zip(condition.sides, SIDES, strict=True):

@@ -211,14 +211,14 @@ class FunctionSpace:
     def solve_projection(self, loads: Floats) -> Floats:
         """Return the solutions u (n, k) of (M + h^2 S) u = ``loads``, to relative residuals of 1e-13.
 
-        ``loads`` (n, k) are integrals of k functions times each function of the space. Condition numbers are below 200
-        at any spacing, and up to 1e6 for the few unknowns of charts smaller than h^m: diagonally preconditioned
-        conjugate gradients are faster than a factorisation.
+        ``loads`` (n, k) are integrals of k functions times each function of the space. The condition number is below
+        200 at any spacing, or up to 1e6 with charts smaller than h^m: diagonally preconditioned conjugate gradients are
+        faster than a factorisation, which is used if they do not converge.
         """
         u, inverse_diagonal = np.zeros_like(loads), 1 / self.projection_matrix.diagonal()[:, None]
         columns = np.flatnonzero(np.any(loads != 0, axis=0))
         if len(columns):
-            # Each piece of the manifold in a unit of its own, a power of two: small loads are solved as exactly.
+            # Each piece of the manifold in a unit of its own, a power of two: small loads are as exact.
             groups = self._projection_groups
             size = groups.reduce_groups(np.maximum, np.abs(loads[:, columns]))
             unit = groups.spread_to_rows(np.ldexp(1.0, np.clip(np.frexp(size)[1], -1000, 1000)))
