@@ -173,21 +173,28 @@ def own_curvature_support(source: LocalSource) -> CurvatureSupport | None:
 def fit_vertices_to_normals(mesh: Mesh, rows: Ints, normals: Floats) -> Mesh:
     """Return the mesh with the vertices ``rows`` (k,) moved from the flat triangles onto the smooth surface.
 
-    Each vertex is moved along its unit normal, in ``normals`` (v, d), in three rounds, so that its edges become in the
-    mean perpendicular to the means of the normals at their ends: on a sphere the vertices then lie on the sphere.
+    Each vertex is moved along its unit normal, in ``normals`` (v, d), so that its edges become perpendicular to the
+    means of the normals at their ends, in the sense of least squares: if all other vertices are on a sphere, it is too.
     """
-    chosen = np.zeros(len(mesh.vertices), dtype=bool)
-    chosen[rows] = True
-    ends = np.concatenate([mesh.edges.ends, mesh.edges.ends[:, ::-1]])
-    ends = ends[chosen[ends[:, 0]]]
+    from scipy.sparse import csr_array, eye_array
+    from scipy.sparse.linalg import spsolve
+
+    if not len(rows):
+        return mesh
+    number = np.full(len(mesh.vertices), -1)
+    number[rows] = np.arange(len(rows))
+    beside = (number[mesh.edges.ends] >= 0).any(axis=1)
+    ends, lengths = mesh.edges.ends[beside], np.maximum(mesh.edge_lengths, 1e-4 * mesh.edge_lengths.max())[beside]
+    across = unit(normals[ends].sum(axis=1)) / lengths[:, None]
+    slopes = dots(mesh.vertices[ends[:, 1]] - mesh.vertices[ends[:, 0]], across)
+    edge, side = np.nonzero(number[ends] >= 0)
+    moved = ends[edge, side]
+    derivatives = (2 * side - 1) * dots(normals[moved], across[edge])
+    matrix = csr_array((derivatives, (edge, number[moved])), shape=(len(ends), len(rows)))
+    gram = matrix.T @ matrix
+    gram += 1e-12 * gram.diagonal().max() * eye_array(len(rows))  # if no vertex is fixed
     vertices = mesh.vertices.copy()
-    for _ in range(3):
-        chord = vertices[ends[:, 1]] - vertices[ends[:, 0]]
-        mean = normals[ends].sum(axis=1)
-        weight = 1.0 / np.maximum(dots(chord, chord), np.finfo(float).tiny)
-        height = weight * dots(chord, mean) / np.maximum(dots(normals[ends[:, 0]], mean), 0.5)
-        heights, weights = (np.bincount(ends[:, 0], values, len(vertices))[rows] for values in (height, weight))
-        vertices[rows] += (heights / weights)[:, None] * normals[rows]
+    vertices[rows] -= spsolve(gram.tocsc(), matrix.T @ slopes)[:, None] * normals[rows]
     return mesh.with_same_cells(vertices=vertices)
 
 

@@ -6,9 +6,9 @@ from sample_shapes import box, equator, octahedron, with_cut
 
 import cpmkit as ck
 from cpmkit.mesh.cell_quadrature import quadrature
-from cpmkit.meshing.curved_from_normals import curve_cells
+from cpmkit.meshing.curved_from_normals import curve_cells, fit_vertices_to_normals
 from cpmkit.meshing.source_cells import source_cells
-from cpmkit.plugin import localize
+from cpmkit.plugin import Mesh, localize
 
 UNIT_BOX = box([-0.5] * 3, [0.5] * 3)
 
@@ -128,3 +128,21 @@ def test_what_lies_on_a_boundary_is_lifted_too():
     assert np.abs(found.vertices[np.unique(mesh.cut), 2]).max() < 1e-3
     assert np.abs(np.linalg.norm(found.vertices, axis=1) - 1).max() < 1e-3
     assert np.abs(np.linalg.norm(found.midpoints, axis=2) - 1).max() < 1e-3
+
+
+def test_an_inserted_curve_lies_on_the_sphere_as_the_vertices_of_the_mesh_do():
+    """Its vertices that are dense along the curve were left at half their depth below the sphere."""
+    sphere = octahedron(4)
+    ring = ck.source("analytic.circle", center=[0, 0, 0.3], radius=np.sqrt(0.91))
+    source = mesh_source(sphere.vertices, sphere.cells).source
+    scene = ck.Scene(source, ck.Laplace(), [ck.Boundary("ring", ring, both=ck.Dirichlet(0.0))])
+    sampled = ck.discretize(scene, 0.2, form="galerkin").sampled
+    off = np.abs(np.linalg.norm(sampled.lattice.to_scene(sampled.mesh.vertices), axis=1) - 1)
+    on_curve = np.unique(sampled.mesh.cut)
+    assert off[on_curve].max() < 2 * np.delete(off, on_curve).max() < 1e-5
+
+
+def test_without_any_vertex_beside_the_curve_nothing_moves():
+    flat = Mesh.of(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]), np.array([[0, 1, 2], [1, 3, 2]]))
+    moved = fit_vertices_to_normals(flat, np.arange(4), np.tile([0.0, 0, 1], (4, 1)))
+    np.testing.assert_array_equal(moved.vertices, flat.vertices)
