@@ -14,6 +14,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.chart_kernels import facing_groups, flood_charts, mark_common_unknowns, path_lengths
 from cpmkit.forms.galerkin.dof_map import DofMap, build_dof_map, build_patches, cell_codes
+from cpmkit.forms.galerkin.rim_corners import reentrant_corners
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.adjacency import facets_of_two_cells, rim_of_edges
 from cpmkit.mesh.mesh import Mesh
@@ -40,9 +41,12 @@ LONGEST_PATH_SPACINGS = 6.0
 #: A chart reaches up to so many spacings from its first cell.
 REACH_SPACINGS = 7.0
 #: A chart below this area, in squared spacings, joins a neighbour. With 1 a bridge of .1 spacings stays 31 percent
-#: off in the first eigenvalue, with .05 it is 6.5. Smaller charts of splines of degree 3, which have 64 unknowns a
+#: off in the first eigenvalue, with .05 it is 2.5. Smaller charts of splines of degree 3, which have 64 unknowns a
 #: patch, leave eigenvalues of the wrong sign on organic meshes: at .05 in 5 of 24 positions.
 LEAST_AREAS = {1: 0.05, 2: 0.05, 3: 0.25}
+#: Splines up to this degree have sectors around reentrant corners: with degree 3 iterations grow by half, to 185 at
+#: combs.
+LARGEST_SECTOR_DEGREE = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +108,15 @@ def _charts(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tuple[Int
     marked = mark_common_unknowns(dof_map.unknowns, groups.patch[pairs], dof_map.size)
     score = np.zeros(len(groups.centres))
     np.maximum.at(score, pairs, scores[:, None])
-    zone = np.flatnonzero(marked[dof_map.unknowns].any(axis=1)[dof_map.patch])
+    reach = spacing if degree <= LARGEST_SECTOR_DEGREE else 0.0
+    sector, is_near = reentrant_corners(mesh, rim_of_edges(mesh)).sectors(centres, reach)
+    zone = np.flatnonzero(is_near | marked[dof_map.unknowns].any(axis=1)[dof_map.patch])
     seeds = zone[np.argsort(-score[groups.of_cell[zone]], kind="stable")]
     facets, places = facets_of_two_cells(mesh)
     is_open = ~np.isin(facets, mesh.cut[:, 0] if mesh.manifold_dim == 1 else mesh.cut_edges)
     facets, sides = facets[is_open], places[is_open] // mesh.cells.shape[1]
-    (starts, others), directions = _neighbours(sides, len(centres)), unit(vectors)
+    of_sector = sides[sector[sides[:, 0]] == sector[sides[:, 1]]]
+    (starts, others), directions = _neighbours(of_sector, len(centres)), unit(vectors)
     reach, normals = REACH_SPACINGS * spacing, directions[rims.cell]
     chart = flood_charts(seeds, centres, directions, starts, others, rims.ends, normals, reach)
     within = (chart[sides] >= 0).all(axis=1)

@@ -130,7 +130,8 @@ def two_scale_shares(degree: int) -> Floats:
 
 #: A level of at most so many unknowns is the coarsest: its systems are solved by a factorisation.
 COARSEST_UNKNOWNS = 400
-#: Tied pieces of at most so many patches belong wholly to the strip: they have slow modes that vanish at ties.
+#: Connected pieces of at most so many patches belong wholly to the strip: they have slow modes that vanish at ties, and
+#: beside rims in knot planes.
 STRIP_PATCHES = 64
 #: Coarsening ends where a level has more than this share of the unknowns of the finer level, as for isolated pieces.
 LARGEST_REMAINING_SHARE = 0.9
@@ -140,9 +141,9 @@ def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
     """Return the coarser levels of a multigrid hierarchy with their prolongations, the finest first.
 
     ``dof_map`` is that of the finest level, ``boundary_patches`` (k,) are the patches with samples on boundaries. The
-    unknowns read by these and small tied pieces, or by coarser patches that contain them, are the smoother's strip.
+    unknowns read by these and by small pieces, or by coarser patches that contain them, are the smoother's strip.
     """
-    level = replace(dof_map, patch=np.union1d(boundary_patches, _patches_of_small_tied_pieces(dof_map)))
+    level = replace(dof_map, patch=np.union1d(boundary_patches, _patches_of_small_pieces(dof_map)))
     levels: list[Level] = []
     while level.size > COARSEST_UNKNOWNS:
         strip = np.unique(level.unknowns[level.patch])
@@ -153,13 +154,10 @@ def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
     return levels
 
 
-def _patches_of_small_tied_pieces(dof_map: DofMap) -> Ints:
-    """Return the patches (k,) of all tied pieces of at most `STRIP_PATCHES` patches."""
+def _patches_of_small_pieces(dof_map: DofMap) -> Ints:
+    """Return the patches (k,) of all connected pieces of at most `STRIP_PATCHES` patches; ties do not connect."""
     count, piece = connected_components(len(dof_map.cells), dof_map.touching)
-    small = np.bincount(piece, minlength=count) <= STRIP_PATCHES
-    is_tied = np.zeros(count, dtype=bool)
-    is_tied[piece[dof_map.tied]] = True
-    return np.flatnonzero((small & is_tied)[piece])
+    return np.flatnonzero((np.bincount(piece, minlength=count) <= STRIP_PATCHES)[piece])
 
 
 def _lines(dof_map: DofMap) -> Ints:
