@@ -202,3 +202,10 @@ def test_projections_are_determined_on_charts_of_a_few_triangles(spacing):
     diagonal = space.projection_matrix.diagonal() ** -0.5
     eigenvalues = np.linalg.eigvalsh(diagonal[:, None] * space.projection_matrix.toarray() * diagonal)
     assert eigenvalues[0] > 1e-7
+
+
+def test_values_of_projections_are_determined_where_the_matrix_is_singular(monkeypatch):
+    monkeypatch.setattr("cpmkit.forms.galerkin.space.spline_space.SPARSE_SHARES", (0.0, 0.0))
+    form = ck.discretize(ck.Scene(triangles(*palm()), ck.Poisson(1.0)), 0.06)
+    height = form.points[:, 1:2]
+    np.testing.assert_allclose(form.at_points(form.project(height)), height, atol=3e-3)

@@ -215,6 +215,8 @@ class FunctionSpace:
         200 at any spacing, or up to 1e9 with charts of few triangles: diagonally preconditioned conjugate gradients are
         faster than a factorisation, which is used if they do not converge.
         """
+        from scipy.sparse import diags_array
+
         u, inverse_diagonal = np.zeros_like(loads), 1 / self.projection_matrix.diagonal()[:, None]
         columns = np.flatnonzero(np.any(loads != 0, axis=0))
         if len(columns):
@@ -226,7 +228,9 @@ class FunctionSpace:
             target, most = 1e-13 * np.linalg.norm(b, axis=0), 1_000  # 130 to 190 steps are usual
             x, steps = conjugate_gradients(apply, lambda r: inverse_diagonal * r, b, target, most, no_progress)
             if steps == most:
-                x = factorize_matrix(self.projection_matrix, symmetric_pattern=True).solve(b)
+                # A function that is zero at all samples of a chart makes the matrix singular, not the values there.
+                shifted = self.projection_matrix + diags_array(1e-13 / inverse_diagonal[:, 0])
+                x = factorize_matrix(shifted, symmetric_pattern=True).solve(b)
             u[:, columns] = x * unit
         return u
 
