@@ -10,7 +10,7 @@ of the cell. Nested, separate and touching parts need no further case. Pieces in
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,6 +24,8 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: A face of two cells joins them if the solid's share of it is more than this: rounding.
 LEAST_FACE = 1e-9
+#: The volume of the parts of a cell may exceed that of the solid in it by this share of the cell: rounding.
+LARGEST_SURPLUS = 1e-6
 #: The factors of the moments of fine and coarse facets of a curved skin: those of Richardson's extrapolation.
 FINE, COARSE = 4 / 3, -1 / 3
 
@@ -162,6 +164,19 @@ class SolidPatches:
             of_patches[split, 0, 0] -= np.bincount(patch, minlength=len(row))[split] - 1.0
         return of_patches, total
 
+    def wrongly_divided(self) -> Bools:
+        """Return for each cut cell (c,) whether the volumes of its parts do not sum to that of the solid in it.
+
+        This happens where the skin crosses a face of the cell many times, at heights near rounding.
+        """
+        counts, row = np.diff(self.patch_starts), self.components.row
+        several = np.flatnonzero(counts[row] > 1)
+        if not len(several):
+            return np.zeros(len(counts), dtype=bool)
+        inner = np.bincount(row[several], self._component_moments(several)[:, 0, 0], len(counts))
+        surplus = inner - (self.components.counts - counts) - moments_of(self.pieces, self.table)[0][:, 0, 0]
+        return (counts > 1) & (np.abs(surplus) > LARGEST_SURPLUS)
+
     def _component_moments(self, chosen: Ints) -> Floats:
         """Return the moments (n, 5, 5^(d-1)) of the inner sides of the components ``chosen`` (n,), ascending."""
         pieces, own = self.pieces, self.components
@@ -230,6 +245,11 @@ def solid_patches(pieces: SkinPieces) -> SolidPatches:
     parts = group_components(components.starts, part, is_inner, side_starts, *geometry)
     patch_starts = np.concatenate([[0], np.cumsum(parts)])
     first = SolidPatches(pieces, table, components, part, is_inner, side_starts, patch_starts, table.cells[:0])
+    wrong = first.wrongly_divided()
+    if wrong.any():
+        part[wrong[components.row]] = 0
+        patch_starts = np.concatenate([[0], np.cumsum(np.where(wrong, 1, parts))])
+        first = replace(first, patch_starts=patch_starts)
     full = full_cells(table, first.face_shares[0][:, 0])
     return SolidPatches(pieces, table, components, part, is_inner, side_starts, patch_starts, full)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.sparse.linalg import eigsh
 
 import cpmkit as ck
@@ -125,3 +126,32 @@ def test_faces_in_and_near_knot_planes(dim, shift):
     assert solution.eigenvalues[1] == pytest.approx(np.pi**2, rel=2e-3)
     stiffness = solution.discretized.stiffness(scene.problem.terms()).matrix
     assert eigsh(stiffness, 1, sigma=-1.0, return_eigenvectors=False)[0] > -1e-9
+
+
+def volume(solid, h):
+    return ck.solve(ck.Scene(solid, ck.ScreenedPoisson(1.0)), h, form="galerkin").integrate(
+        lambda x, u: np.ones(len(x))
+    )
+
+
+@pytest.mark.parametrize(("inner", "spacing"), [(0.9, 0.3), (0.99, 0.3), (0.995, 0.3)])
+def test_thin_shells_have_the_volume_between_their_spheres(inner, spacing):
+    """Closest points of a part of the skin may lie on the other part."""
+    spheres = [ck.source("analytic.sphere", radius=radius) for radius in (1.0, inner)]
+    solid = ck.source("solid", of=ck.source("union", members=spheres))
+    assert volume(solid, spacing) == pytest.approx(4 / 3 * np.pi * (1 - inner**3), rel=1e-4)
+
+
+@pytest.mark.parametrize("spacing", [0.3, 0.2, 0.15])
+def test_nearly_flat_faces_in_knot_planes_enclose_their_volume(spacing):
+    """Read as smooth, faces cross the planes many times within rounding of them."""
+    cube = trimesh.creation.box([1, 1, 1]).subdivide().subdivide().subdivide().subdivide()
+    mesh = ck.source("mesh.triangles", vertices=cube.vertices + 0.5, faces=cube.faces)
+    assert volume(ck.source("solid", of=mesh), spacing) == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("minor", [0.03, 0.05])
+def test_boundaries_curved_below_the_spacing_are_refused(minor):
+    torus = ck.source("solid", of=ck.source("analytic.torus", major=1.0, minor=minor))
+    with pytest.raises(ck.ResolutionError, match=r"too coarse for the boundary of the solid near .* use spacing=0.1"):
+        volume(torus, 0.2)

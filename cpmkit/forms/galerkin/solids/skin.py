@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpmkit.errors import SceneError, place
+from cpmkit.errors import ResolutionError, SceneError, place
 from cpmkit.forms.galerkin.mesh_of_manifold import mesh_of_manifold
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.abilities import HasMesh, HasSkin
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import dots, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.adjacency import facets_of_two_cells, repair, rim_of_edges
 from cpmkit.mesh.cell_quadrature import PLAIN_EDGE_SPACINGS
 from cpmkit.mesh.mesh import CellGeometry, Mesh
@@ -23,6 +24,9 @@ from cpmkit.types import Floats, Ints
 #: Longest edges of a curved skin, in spacings, by the dimension of the space. In space errors are those of edges of .7,
 #: to 3 percent, with two thirds of the samples; with 1.4 they are half as large again.
 LONGEST_EDGES = {2: PLAIN_EDGE_SPACINGS, 3: 1.0}
+#: The area of curved cells times the distances of their centres from the boundary is at most this share of the volume
+#: that a component of the skin encloses.
+LARGEST_DOUBT = 0.1
 #: Flat cells of a skin that turn by more than this towards each other enclose a reentrant angle.
 REENTRANT_DEGREES = 20.0
 #: Normals of a component of the skin are compared with the solid at so many of its cells, at most.
@@ -70,9 +74,14 @@ def has_reentrant_edges(mesh: Mesh) -> bool:
 def skin_of(solid: LocalSource, lattice: Lattice) -> Skin:
     """Return the skin of a solid or of a union of solids.
 
-    Raises SceneError if it is not closed, or inside and outside cannot be distinguished.
+    Raises SceneError if it is not closed, or inside and outside cannot be distinguished, ResolutionError if the
+    spacing is too coarse for a curved one.
     """
-    parts = [_skin_of_member(member, lattice) for member in solid.members]
+    return _joined([_skin_of_member(member, lattice) for member in solid.members])
+
+
+def _joined(parts: Sequence[Skin]) -> Skin:
+    """Return several skins as one; raise SceneError if some are flat and others curved."""
     geometries = {part.geometry for part in parts}
     if len(geometries) > 1:
         raise SceneError(
@@ -89,7 +98,16 @@ def skin_of(solid: LocalSource, lattice: Lattice) -> Skin:
 
 def _skin_of_member(solid: LocalSource, lattice: Lattice) -> Skin:
     """Return the skin of a ``solid`` that is no union."""
-    spacing, longest, boundary = lattice.spacing, LONGEST_EDGES[solid.dim], _boundary_source(solid)
+    boundary = _boundary_source(solid)
+    # Each part is meshed by its own closest points: those of a thin shell may lie on its other side.
+    parts = (None,) if boundary is None else boundary.members
+    skin = _joined([_closed_boundary(solid, part, lattice) for part in parts])
+    return replace(skin, mesh=_oriented(skin.mesh, solid, boundary, lattice))
+
+
+def _closed_boundary(solid: LocalSource, boundary: LocalSource | None, lattice: Lattice) -> Skin:
+    """Return a closed part of the ``boundary`` of a ``solid``, not yet oriented; of its own mesh if that is None."""
+    spacing, longest = lattice.spacing, LONGEST_EDGES[solid.dim]
     geometry: CellGeometry = "flat"
     warnings: tuple[str, ...] = ()
     if boundary is None:
@@ -100,7 +118,9 @@ def _skin_of_member(solid: LocalSource, lattice: Lattice) -> Skin:
         mesh = subdivide(mesh, longest * spacing)
     _check_closed(mesh, lattice)
     mesh = curve_cells(mesh, geometry, boundary or solid, (), spacing)
-    return Skin(_oriented(mesh, solid, boundary, lattice), geometry, warnings)
+    if geometry == "closest_point":
+        _check_resolved(mesh, boundary or solid, lattice)
+    return Skin(mesh, geometry, warnings)
 
 
 def _boundary_source(solid: LocalSource) -> LocalSource | None:
@@ -148,13 +168,36 @@ def _check_closed(mesh: Mesh, lattice: Lattice) -> None:
         )
 
 
-def _normals(mesh: Mesh) -> Floats:
-    """Return a unit normal (m, d) of each flat cell: to the right of segments."""
+def _check_resolved(mesh: Mesh, boundary: LocalSource, lattice: Lattice) -> None:
+    """Raise ResolutionError if curved cells lie so far from the ``boundary`` that what they enclose is not known."""
+    corners = mesh.vertices[mesh.cells]
+    count, label = connected_components(len(mesh.vertices), mesh.cells[:, [0, 1]])
+    part, middles = label[mesh.cells[:, 0]], _middles(mesh)
+    inside = mesh.winding * np.linalg.det(corners - corners.mean(axis=(0, 1))) / (2 if mesh.dim == 2 else 6)
+    sizes = norms(_areas(mesh)) * boundary.closest_point(middles).distance
+    off, volume = np.bincount(part, sizes, count), np.abs(np.bincount(part, inside, count))
+    share = np.divide(off, volume, out=np.zeros(count), where=off > 0)
+    if share.max() > LARGEST_DOUBT:
+        worst = np.argmax(sizes * (part == np.argmax(share)))
+        raise ResolutionError(
+            f"spacing={lattice.spacing:g} is too coarse for the boundary of the solid near "
+            f"{place(lattice.to_scene(middles[worst]))}, which is curved more sharply; use "
+            f"spacing={0.5 * lattice.spacing:g} or less."
+        )
+
+
+def _areas(mesh: Mesh) -> Floats:
+    """Return normals (m, d) of flat cells, as long as the cells are large: to the right of segments."""
     corners = mesh.vertices[mesh.cells]
     along = corners[:, 1] - corners[:, 0]
     if mesh.dim == 2:
-        return unit(np.stack([along[:, 1], -along[:, 0]], axis=1))
-    return unit(np.cross(along, corners[:, 2] - corners[:, 0]))
+        return np.stack([along[:, 1], -along[:, 0]], axis=1)
+    return 0.5 * np.cross(along, corners[:, 2] - corners[:, 0])
+
+
+def _normals(mesh: Mesh) -> Floats:
+    """Return a unit normal (m, d) of each flat cell: to the right of segments."""
+    return unit(_areas(mesh))
 
 
 def _middles(mesh: Mesh) -> Floats:
