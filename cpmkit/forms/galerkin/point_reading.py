@@ -113,7 +113,8 @@ class PointReader:
 
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return distances (k,) of ``points`` from a boundary: left positive; NaN past its ends or without a left."""
-        return self.locator.signed_distance(boundary_number(self.boundaries, name), self.closest_points(points).points)
+        number = boundary_number(self.boundaries, name)
+        return self.locator.signed_distance(number, self.closest_points(points).points)
 
     # Gradients
 

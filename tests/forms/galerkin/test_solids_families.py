@@ -167,6 +167,8 @@ def test_what_is_refused():
         solve(ck.source("union", members=boxes), ck.ScreenedPoisson(1.0), 0.1)
     with pytest.raises(ck.SceneError, match="all have flat or all have curved boundaries"):
         solve(ck.source("union", members=[boxes[0], DISK]), ck.ScreenedPoisson(1.0), 0.1)
+    with pytest.raises(ck.InputError, match="no boundary"):
+        solve(DISK, ck.ScreenedPoisson(1.0), 0.2).signed_distance("edge", [[0.0, 0.0]])
 
 
 class Plain:
