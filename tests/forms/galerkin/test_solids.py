@@ -6,6 +6,8 @@ from model_problems import order_of
 from scipy.spatial.transform import Rotation
 
 import cpmkit as ck
+from cpmkit.forms.galerkin.solids.skin import cell_components
+from cpmkit.mesh.mesh import Mesh
 
 RNG = np.random.default_rng(0)
 IN_BOX = {dim: RNG.uniform(-0.5, 0.5, (400, dim)) for dim in (2, 3)}
@@ -177,3 +179,13 @@ def test_the_error_at_reentrant_corners_is_known():
         assert "reentrant" in solution.error.slow
     box = ck.Scene(ck.source("analytic.box", lower=[0, 0], upper=[1, 1]), ck.Poisson(1.0), edge=ck.Dirichlet(0.0))
     assert not ck.solve(box, 0.1, form="galerkin").error.slow
+
+
+def test_components_of_a_skin_do_not_depend_on_the_first_corners_of_its_cells():
+    corners = np.concatenate([np.eye(3), -np.eye(3)])  # an octahedron: the first edges of its cells fall into two parts
+    cells = [[0, 1, 2], [3, 2, 1], [3, 4, 2], [4, 2, 0], [0, 1, 5], [3, 5, 1], [3, 4, 5], [4, 5, 0]]
+    count, part = cell_components(
+        Mesh.of(np.concatenate([corners, corners + 4]), np.array([*cells, *np.add(cells, 6)]))
+    )
+    assert count == 2
+    assert part.tolist() == [0] * 8 + [1] * 8

@@ -171,8 +171,7 @@ def _check_closed(mesh: Mesh, lattice: Lattice) -> None:
 def _check_resolved(mesh: Mesh, boundary: LocalSource, lattice: Lattice) -> None:
     """Raise ResolutionError if curved cells lie so far from the ``boundary`` that what they enclose is not known."""
     corners = mesh.vertices[mesh.cells]
-    count, label = connected_components(len(mesh.vertices), mesh.cells[:, [0, 1]])
-    part, middles = label[mesh.cells[:, 0]], _middles(mesh)
+    (count, part), middles = cell_components(mesh), _middles(mesh)
     inside = mesh.winding * np.linalg.det(corners - corners.mean(axis=(0, 1))) / (2 if mesh.dim == 2 else 6)
     sizes = norms(_areas(mesh)) * boundary.closest_point(middles).distance
     off, volume = np.bincount(part, sizes, count), np.abs(np.bincount(part, inside, count))
@@ -184,6 +183,12 @@ def _check_resolved(mesh: Mesh, boundary: LocalSource, lattice: Lattice) -> None
             f"{place(lattice.to_scene(middles[worst]))}, which is curved more sharply; use "
             f"spacing={0.5 * lattice.spacing:g} or less."
         )
+
+
+def cell_components(mesh: Mesh) -> tuple[int, Ints]:
+    """Return the number of connected components of a mesh, and the component (m,) of each cell."""
+    count, label = connected_components(len(mesh.vertices), mesh.edges.ends)
+    return count, label[mesh.cells[:, 0]]
 
 
 def _areas(mesh: Mesh) -> Floats:
@@ -215,10 +220,7 @@ def _oriented(mesh: Mesh, solid: LocalSource, boundary: LocalSource | None, latt
 
     The solid is probed on both sides of closest points on its ``boundary``, of the cells themselves without one.
     """
-    k = mesh.cells.shape[1]
-    pairs = np.concatenate([mesh.cells[:, [0, j]] for j in range(1, k)])
-    count, label = connected_components(len(mesh.vertices), pairs)
-    part = label[mesh.cells[:, 0]]
+    count, part = cell_components(mesh)
     rank, members = np.empty(len(part), dtype=np.int64), np.bincount(part, minlength=count)
     order = np.argsort(part, kind="stable")
     rank[order] = np.arange(len(part)) - np.repeat(np.cumsum(members) - members, members)
@@ -238,7 +240,7 @@ def _oriented(mesh: Mesh, solid: LocalSource, boundary: LocalSource | None, latt
     turned = np.flatnonzero(np.sign(votes)[part] * mesh.winding < 0)
     cells, midpoints = mesh.cells.copy(), mesh.midpoints
     cells[turned] = _swap(cells, turned)
-    if midpoints is not None and k == 3:
+    if midpoints is not None and mesh.manifold_dim == 2:
         midpoints = midpoints.copy()
         midpoints[turned] = _swap(midpoints, turned)
     return Mesh.of(mesh.vertices, cells, midpoints)
