@@ -1,17 +1,22 @@
 """Kernels that find on which side of a component of the skin a point lies, and the moments of upper faces of cells.
 
-The pieces of a component, segments or convex polygons in one lattice cell, are ``order[piece_starts[c] :
-piece_starts[c + 1]]``. Piece p has the ``corners`` from ``corner_starts[p]`` on, the integral ``normals[p]`` of its
-outward normal, and the mean ``middles[p]`` of its corners.
+A `Geometry` has all pieces, segments or convex polygons in one lattice cell: those of component c are
+``order[piece_starts[c] : piece_starts[c + 1]]``. Piece p has the ``corners`` from ``starts[p]`` on, the integral
+``normals[p]`` of its outward normal, and the mean ``middles[p]`` of its corners.
 """
 
 from __future__ import annotations
+
+from typing import TypeAlias
 
 import numpy as np
 
 from cpmkit.mesh.solid_moments import LEGENDRE, LEGENDRE_INTEGRALS, MOMENTS, evaluate
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Bools, Floats, Ints
+
+#: order, piece_starts, corners, starts, normals, middles
+Geometry: TypeAlias = tuple[Ints, Ints, Floats, Ints, Floats, Floats]
 
 #: A point within this distance of a face, in spacings, lies in it.
 IN_FACE = 1e-7
@@ -43,21 +48,13 @@ def contains(corners: Floats, first: int, last: int, normal: Floats, x: Floats) 
 
 
 @compiled
-def is_inside(
-    point: Floats,
-    c: int,
-    order: Ints,
-    piece_starts: Ints,
-    corners: Floats,
-    starts: Ints,
-    normals: Floats,
-    middles: Floats,
-) -> bool:
+def is_inside(point: Floats, c: int, geometry: Geometry) -> bool:
     """Return whether ``point`` (d,) lies on the inner side of component ``c``: by the first piece on a way to it.
 
     The way leads to the middle of the piece that is best seen from the point; it stays in the cell, which is convex.
     Points on the component count as inside.
     """
+    order, piece_starts, corners, starts, normals, middles = geometry
     d = len(point)
     best, target = -1.0, -1
     for k in range(piece_starts[c], piece_starts[c + 1]):
@@ -98,22 +95,14 @@ def is_inside(
 
 @compiled
 def group_components(
-    component_starts: Ints,
-    part: Ints,
-    is_inner: Bools,
-    side_starts: Ints,
-    order: Ints,
-    piece_starts: Ints,
-    corners: Floats,
-    starts: Ints,
-    normals: Floats,
-    middles: Floats,
+    component_starts: Ints, part: Ints, is_inner: Bools, side_starts: Ints, geometry: Geometry
 ) -> Ints:
     """Fill ``part`` (k,) with the number of the part of its cell that each component bounds; return the counts (c,).
 
     The components of cell r are ``component_starts[r]`` to ``component_starts[r + 1]`` - 1. ``is_inner`` is filled from
     ``side_starts[r]`` on, for cells with several: entry n i + j is whether component j is on the inner side of i.
     """
+    order, piece_starts, middles = geometry[0], geometry[1], geometry[5]
     cells = len(component_starts) - 1
     parts = np.ones(cells, dtype=np.int64)
     for r in range(cells):
@@ -124,9 +113,7 @@ def group_components(
         for i in range(n):
             for j in range(n):
                 at = middles[order[piece_starts[first + j]]]
-                inner[n * i + j] = i == j or is_inside(
-                    at, first + i, order, piece_starts, corners, starts, normals, middles
-                )
+                inner[n * i + j] = i == j or is_inside(at, first + i, geometry)
         parts[r] = 0
         for j in range(n):
             part[first + j] = -1
@@ -151,12 +138,7 @@ def parts_at(
     part: Ints,
     is_inner: Bools,
     side_starts: Ints,
-    order: Ints,
-    piece_starts: Ints,
-    corners: Floats,
-    starts: Ints,
-    normals: Floats,
-    middles: Floats,
+    geometry: Geometry,
 ) -> Ints:
     """Return the number (n,) of the part that contains each of ``points`` (n, d) in cells ``rows`` (n,), -1 for none.
 
@@ -169,7 +151,7 @@ def parts_at(
         inner = is_inner[side_starts[r] : side_starts[r + 1]]
         sides = np.empty(n, dtype=np.bool_)
         for i in range(n):
-            sides[i] = is_inside(points[q], first + i, order, piece_starts, corners, starts, normals, middles)
+            sides[i] = is_inside(points[q], first + i, geometry)
         for j in range(n):
             fits = sides[j]
             for i in range(n):
@@ -183,22 +165,13 @@ def parts_at(
 
 
 @compiled
-def add_upper_faces(
-    components: Ints,
-    cells: Ints,
-    moments: Floats,
-    order: Ints,
-    piece_starts: Ints,
-    corners: Floats,
-    starts: Ints,
-    normals: Floats,
-    middles: Floats,
-) -> None:
+def add_upper_faces(components: Ints, cells: Ints, moments: Floats, geometry: Geometry) -> None:
     """Add to ``moments`` (n, 5, 5^(d-1)) those of the upper face of ``cells`` (n, d) on the inner side of components.
 
     The divergence theorem is applied along axis 1 in the face, and along axis 2 in its upper edge: there the component
     has segments, and points; the upper corner is on its inner side or not. ``components`` (n,) are their numbers.
     """
+    order, piece_starts, corners, starts, normals, _ = geometry
     d = cells.shape[1]
     depth = MOMENTS if d == 3 else 1
     first, second = np.empty(MOMENTS), np.empty(MOMENTS)
@@ -240,7 +213,7 @@ def add_upper_faces(
                         edge += np.sign(normals[p, 2]) * second
         for i in range(d):
             corner[i] = cell[i] + 0.5 + PAST_CORNER[i]
-        if is_inside(corner, c, order, piece_starts, corners, starts, normals, middles):
+        if is_inside(corner, c, geometry):
             edge[0] += 1.0
         for j in range(MOMENTS if d == 2 else depth):
             moments[row, 0, j] += edge[j]

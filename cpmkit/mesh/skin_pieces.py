@@ -181,6 +181,36 @@ def split_polygon(
 
 
 @compiled
+def area_along(polygon: Floats, count: int, normal: Floats) -> float:
+    """Return twice the area of a convex polygon (count, 3) times the length of a ``normal`` (3,) that it has."""
+    area = 0.0
+    for k in range(1, count - 1):
+        p, q = polygon[k] - polygon[0], polygon[k + 1] - polygon[0]
+        area += normal[0] * (p[1] * q[2] - p[2] * q[1]) + normal[1] * (p[2] * q[0] - p[0] * q[2])
+        area += normal[2] * (p[0] * q[1] - p[1] * q[0])
+    return area
+
+
+@compiled
+def find_cell(polygon: Floats, count: int, normal: Floats, cell: Ints) -> bool:
+    """Fill ``cell`` (3,) with the lattice cell of a polygon (count, 3); return whether it lies in a face of the cell.
+
+    Of two cells with this face it is that on the inner side, from which the ``normal`` (3,) points away.
+    """
+    in_face = False
+    for i in range(3):
+        low, high = np.inf, -np.inf
+        for k in range(count):
+            low, high = min(low, polygon[k, i]), max(high, polygon[k, i])
+        middle = 0.5 * (low + high)
+        if low == high and middle - np.floor(middle) == 0.5:
+            in_face = True
+            middle -= 0.25 * np.sign(normal[i])
+        cell[i] = np.int64(np.floor(middle + 0.5))
+    return in_face
+
+
+@compiled
 def clip_triangles(nodes: Floats) -> tuple[Floats, Ints, Ints, Ints, Bools, Ints]:
     """Return the convex parts of triangles ``nodes`` (t, 3, 3) in lattice cells.
 
@@ -220,12 +250,7 @@ def clip_triangles(nodes: Floats) -> tuple[Floats, Ints, Ints, Ints, Bools, Ints
                 sizes[waiting], sizes[waiting + 1] = lower, upper
                 waiting += 2
                 continue
-            area = 0.0
-            for k in range(1, count - 1):
-                p, q = polygon[k] - polygon[0], polygon[k + 1] - polygon[0]
-                area += normal[0] * (p[1] * q[2] - p[2] * q[1]) + normal[1] * (p[2] * q[0] - p[0] * q[2])
-                area += normal[2] * (p[0] * q[1] - p[1] * q[0])
-            if area <= LEAST_PIECE * size:
+            if area_along(polygon, count, normal) <= LEAST_PIECE * size:
                 continue
             if used == len(facet):
                 facet, edges = np.concatenate((facet, facet)), np.concatenate((edges, edges))
@@ -233,20 +258,12 @@ def clip_triangles(nodes: Floats) -> tuple[Floats, Ints, Ints, Ints, Bools, Ints
                 starts = np.concatenate((starts, starts))
             while total + count > len(corners):
                 corners = np.concatenate((corners, corners))
-            facet[used], edges[used], in_face[used] = t, 0, False
+            facet[used], edges[used] = t, 0
             for k in range(count):
                 corners[total + k] = polygon[k]
                 if sides[k] >= 0:
                     edges[used] |= 1 << sides[k]
-            for i in range(3):
-                low, high = np.inf, -np.inf
-                for k in range(count):
-                    low, high = min(low, polygon[k, i]), max(high, polygon[k, i])
-                middle = 0.5 * (low + high)
-                if low == high and middle - np.floor(middle) == 0.5:
-                    in_face[used] = True
-                    middle -= 0.25 * np.sign(normal[i])
-                cells[used, i] = np.int64(np.floor(middle + 0.5))
+            in_face[used] = find_cell(polygon, count, normal, cells[used])
             used += 1
             total += count
             starts[used] = total

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.mesh.piece_kernels import add_upper_faces, group_components, parts_at
+from cpmkit.mesh.piece_kernels import Geometry, add_upper_faces, group_components, parts_at
 from cpmkit.mesh.skin_pieces import SkinPieces
 from cpmkit.mesh.solid_moments import CellTable, full_cells, moments_of, sum_moments, sums_above
 from cpmkit.runtime.index_sets import connected_components
@@ -114,10 +114,10 @@ class SolidPatches:
     def _parts_at(self, rows: Ints, points: Floats) -> Ints:
         """Return the number (n,) of the part of cells ``rows`` (n,) that contains ``points`` (n, d), or -1."""
         own, sides = self.components, (self.is_inner, self.side_starts)
-        return parts_at(rows, np.ascontiguousarray(points), own.starts, self.part, *sides, *self._geometry)
+        return parts_at(rows, np.ascontiguousarray(points), own.starts, self.part, *sides, self._geometry)
 
     @cached_property
-    def _geometry(self) -> tuple[Any, ...]:
+    def _geometry(self) -> Geometry:
         """The arrays by which kernels find the sides of components."""
         return geometry_of(self.pieces, self.components)
 
@@ -164,6 +164,15 @@ class SolidPatches:
             of_patches[split, 0, 0] -= np.bincount(patch, minlength=len(row))[split] - 1.0
         return of_patches, total
 
+    @property
+    def volumes(self) -> Floats:
+        """(c,) the solid's share of each cut cell, by the divergence theorem: the first of its moments."""
+        pieces = self.pieces
+        row = self.table.find(pieces.cell)[pieces.piece]
+        height = pieces.points[:, 0] - self.table.cells[row, 0] + 0.5
+        own = np.bincount(row, pieces.areas[:, 0] * height, len(self.table.cells))
+        return np.asarray(self.face_shares[0][:, 0] + own)
+
     def wrongly_divided(self) -> Bools:
         """Return for each cut cell (c,) whether the volumes of its parts do not sum to that of the solid in it.
 
@@ -174,7 +183,7 @@ class SolidPatches:
         if not len(several):
             return np.zeros(len(counts), dtype=bool)
         inner = np.bincount(row[several], self._component_moments(several)[:, 0, 0], len(counts))
-        surplus = inner - (self.components.counts - counts) - moments_of(self.pieces, self.table)[0][:, 0, 0]
+        surplus = inner - (self.components.counts - counts) - self.volumes
         return (counts > 1) & (np.abs(surplus) > LARGEST_SURPLUS)
 
     def _component_moments(self, chosen: Ints) -> Floats:
@@ -185,7 +194,7 @@ class SolidPatches:
         place[chosen] = np.arange(len(chosen))
         moments = np.zeros((len(chosen), 5, 5 ** (cells.shape[1] - 1)))
         sum_moments(pieces.points, pieces.areas, place[own.of_piece[pieces.piece]], cells, moments, moments[:, 0] * 0)
-        add_upper_faces(chosen, cells, moments, *self._geometry)
+        add_upper_faces(chosen, cells, moments, self._geometry)
         return moments
 
     @cached_property
@@ -242,7 +251,7 @@ def solid_patches(pieces: SkinPieces) -> SolidPatches:
     side_starts = np.concatenate([[0], np.cumsum(sides)])
     part, is_inner = np.zeros(len(components.row), dtype=np.int64), np.zeros(side_starts[-1], dtype=bool)
     geometry = geometry_of(pieces, components)
-    parts = group_components(components.starts, part, is_inner, side_starts, *geometry)
+    parts = group_components(components.starts, part, is_inner, side_starts, geometry)
     patch_starts = np.concatenate([[0], np.cumsum(parts)])
     first = SolidPatches(pieces, table, components, part, is_inner, side_starts, patch_starts, table.cells[:0])
     wrong = first.wrongly_divided()
@@ -254,7 +263,7 @@ def solid_patches(pieces: SkinPieces) -> SolidPatches:
     return SolidPatches(pieces, table, components, part, is_inner, side_starts, patch_starts, full)
 
 
-def geometry_of(pieces: SkinPieces, components: Components) -> tuple[Any, ...]:
+def geometry_of(pieces: SkinPieces, components: Components) -> Geometry:
     """Return the arrays of pieces that kernels take: order and starts by component, corners, normals and middles."""
     own = components.order, components.piece_starts, pieces.corners, pieces.corner_starts
     return *own, np.ascontiguousarray(pieces.normals), np.ascontiguousarray(pieces.middles)

@@ -11,7 +11,6 @@ from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, Tie
 from cpmkit.forms.galerkin.dof_map import connected_pieces
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
-from cpmkit.forms.galerkin.solids.solid_sampling import SampledSolid
 from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE, fold_warnings, resolution_warnings
 from cpmkit.forms.galerkin.space.energy import load
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
@@ -158,11 +157,6 @@ class Resolution:
         width = radius * np.sqrt((least / largest).min())
         return float(width if c <= 0 else min(width, np.sqrt(least.min() / c)))
 
-    @property
-    def is_reentrant(self) -> bool:
-        """Whether the manifold is a solid with reentrant corners or edges, at which gradients are unbounded."""
-        return isinstance(self.coefficients.sampled, SampledSolid) and self.coefficients.sampled.is_reentrant
-
     def tensor_layer_warnings(self) -> tuple[str, ...]:
         """Return a warning if the smallest eigenvalue of a tensor makes layers that the spacing does not resolve."""
         if self.scene.problem.family != "steady" or not self.scene.has_tensor or self.layer_spacings >= LAYER_SPACINGS:
@@ -190,7 +184,7 @@ class Resolution:
         reason, share = self.end_or_layer_reason(), self.normal_spread.unresolved_share
         if reason:
             return reason
-        if self.is_reentrant:
+        if self.coefficients.sampled.is_reentrant:
             return "the solid has reentrant corners or edges; the error may fall slowly"
         if share > FOLDED_SHARE:
             return f"thin, folded or creased: {share:.0%} of the area; the error may fall slowly"

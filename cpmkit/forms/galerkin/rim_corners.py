@@ -15,7 +15,7 @@ from cpmkit.errors import place
 from cpmkit.forms.galerkin.chart_kernels import FACING_COSINE
 from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, nearest_shares, norms, unit
 from cpmkit.mesh.adjacency import Rim, rim_of_edges
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.types import Bools, Floats, Ints
@@ -108,7 +108,7 @@ def _widths_beside(mesh: Mesh, rim: Rim, corners: RimCorners, spacing: float) ->
     near = cKDTree(points).sparse_distance_matrix(cKDTree(0.5 * (start + end)), reach, output_type="ndarray")
     row, edge = near["i"], near["j"]
     x, tail, way = points[row], start[edge], (end - start)[edge]
-    offset = tail + np.clip(dots(x - tail, way) / dots(way, way), 0.0, 1.0)[:, None] * way - x
+    offset = tail + nearest_shares(x - tail, way)[:, None] * way - x
     distance, width = norms(offset), np.full(len(points), np.inf)
     for normals in (corners.inward.reshape(-1, mesh.dim)[row], unit(rim.outward[edge])):
         distance[dots(offset, normals) <= FACING_COSINE * norms(offset)] = np.inf

@@ -107,6 +107,11 @@ class SampledScene(InsertedScene):
         return np.asarray(self.mesh.vertices[self.mesh.cells[self.half.cell[half, None], places]])
 
     @property
+    def is_reentrant(self) -> bool:
+        """Whether the manifold is a solid with reentrant corners or edges, at which gradients are unbounded."""
+        return False
+
+    @property
     def has_charts(self) -> bool:
         """Whether the mesh is cut between charts."""
         return bool((self.boundary.owner <= FOLD_OWNER).any())
