@@ -119,7 +119,11 @@ class Boundary:
         object.__setattr__(self, "source", _as_boundary_source(self.source))
         if self._vertex_numbers is not None:  # the scene replaces them by points
             return
-        check_source(self.source, f"boundary {self.name!r}", "points (k, d), or numbers of the surface's vertices")
+        alternatives = (
+            "points (k, d), or numbers of the surface's vertices, or ck.source('mesh.polyline', points=...) for "
+            "the curve along points"
+        )
+        check_source(self.source, f"boundary {self.name!r}", alternatives)
         if self.left_of is None:
             object.__setattr__(self, "left_of", getattr(self.source, "left_of", None))
         if self.left_of is not None:

@@ -66,7 +66,7 @@ def test_what_is_no_vertex_or_may_be_a_point_is_refused(surface, given, message)
 
 def test_what_is_neither_points_nor_vertices_is_refused():
     for given in ("ring", None, [[1.0, 2.0], [3.0]], np.ones((2, 3, 3)), 0.5):
-        with pytest.raises(ck.CpmkitError, match=r"or points \(k, d\), or numbers of the surface's vertices, got"):
+        with pytest.raises(ck.CpmkitError, match=r"or points \(k, d\), or numbers of the surface's vertices, or"):
             ck.Boundary("pins", given, both=ONE)
 
 
