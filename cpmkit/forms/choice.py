@@ -15,7 +15,7 @@ from cpmkit.forms.cost_model import CostModel
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.options import AUTO, Options
 from cpmkit.grid.lattice import needed_spacing, other_solver_hint, round_up
-from cpmkit.manifold.abilities import has_finite_feet
+from cpmkit.manifold.abilities import has_finite_feet, members_of
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime import memory
 from cpmkit.runtime.deprecation import current_keywords
@@ -78,8 +78,8 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     surface, family, kind = scene.surface, scene.problem.family, scene.problem.kind
     if surface.manifold_dim is None:
         return "collocation", "the manifold has parts of several dimensions"
-    if largest_dim(surface) in (0, surface.dim):
-        return "collocation", "the manifold is neither a curve nor a surface"
+    if largest_dim(surface) == 0:
+        return "collocation", "the manifold consists of points"
     if has_finite_feet(surface):
         return "collocation", "closest points are single samples, over which nothing can be integrated"
     if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
@@ -88,7 +88,24 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
         return "collocation", f"the form 'galerkin' does not yet solve {kind!r}"
     if any(condition.order is not None for condition in scene.conditions):
         return "collocation", "the only one with orders of conditions"
-    return "galerkin", "the default for curves and surfaces"
+    if largest_dim(surface) < surface.dim:
+        return "galerkin", "the default for curves and surfaces"
+    return _form_of_solid(scene, given)
+
+
+def _form_of_solid(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the form and the reason as :func:`choose_form` does, for a scene on a solid that both forms may take."""
+    from cpmkit.forms.galerkin.solids.skin import has_known_boundary
+
+    if scene.boundaries:
+        return "collocation", "the only one with boundaries inside a solid"
+    if given.get("degree", 2) != 2:
+        return "collocation", "the only one with this degree on a solid"
+    if len(members_of(scene.surface)) > 1:
+        return "collocation", "the only one for solids that may overlap"
+    if not has_known_boundary(scene.surface):
+        return "collocation", "the boundary of the solid is known by its closest points alone"
+    return "galerkin", "the default for solids"
 
 
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:

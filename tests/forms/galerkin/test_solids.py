@@ -130,6 +130,36 @@ def test_every_closed_source_encloses_a_solid(name):
     assert errors(solid, ck.Dirichlet(u), inside(solid), [spacing])[0] < 0.02 * spacing**2.5
 
 
+def test_flat_and_curved_parts_of_one_boundary():
+    """A polygon with a round hole, and a disc beside a square: third order, and exact areas."""
+    outer = np.array([[-1.0, -1.0], [1.0, -1.1], [1.05, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
+    x, y = outer.T
+    area = 0.5 * np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) - np.pi * 0.4**2
+    members = [ck.source("mesh.polyline", points=outer), HOLE]
+    holed = ck.source("solid", of=ck.source("union", members=members))
+    spacings = [0.2, 0.1, 0.05]
+    found = errors(holed, ck.Dirichlet(u), inside(holed), spacings)
+    assert found[-1] < 4e-6
+    assert order_of(spacings, found) > 2.8
+    scene = ck.Scene(holed, ck.ScreenedPoisson(1.0))
+    assert ck.solve(scene, 0.1, form="galerkin").integrate(1) == pytest.approx(area, abs=1e-6)
+    square = ck.source("analytic.box", lower=[1.5, -0.5], upper=[2.5, 0.5])
+    beside = ck.source("union", members=[ck.source("solid", of=CIRCLE), square])
+    solution = ck.solve(ck.Scene(beside, ck.ScreenedPoisson(1.0)), 0.1, form="galerkin")
+    assert solution.integrate(1) == pytest.approx(np.pi + 1, abs=1e-5)
+
+
+def test_a_cuboid_with_a_round_hole():
+    box = ck.source("mesh.triangles", vertices=2 * CUBOID[0], faces=CUBOID[1], closest="faceted")
+    middle = 2 * CUBOID[0].mean(axis=0)
+    members = [box, ck.source("analytic.sphere", center=middle, radius=0.3)]
+    holed = ck.source("solid", of=ck.source("union", members=members))
+    spacings = [0.28, 0.2, 0.14]
+    found = errors(holed, ck.Dirichlet(u), inside(holed), spacings)
+    assert found[-1] < 5e-5
+    assert order_of(spacings, found) > 2.7
+
+
 def test_a_solid_that_is_moved_as_a_whole():
     ball = ck.source("moved", of=ck.source("solid", of=ck.source("analytic.sphere")), scale=0.5, translation=[1, 2, 3])
     assert errors(ball, ck.Dirichlet(u), inside(ball), [0.15])[0] < 1e-3

@@ -165,8 +165,6 @@ def test_what_is_refused():
     boxes = [ck.source("analytic.box", lower=[x, 0.0], upper=[x + 1.0, 1.0]) for x in (0.0, 0.7)]
     with pytest.raises(ck.SceneError, match="crosses itself, or two parts of it overlap, near"):
         solve(ck.source("union", members=boxes), ck.ScreenedPoisson(1.0), 0.1)
-    with pytest.raises(ck.SceneError, match="all have flat or all have curved boundaries"):
-        solve(ck.source("union", members=[boxes[0], DISK]), ck.ScreenedPoisson(1.0), 0.1)
     with pytest.raises(ck.InputError, match="no boundary"):
         solve(DISK, ck.ScreenedPoisson(1.0), 0.2).signed_distance("edge", [[0.0, 0.0]])
 
@@ -189,5 +187,26 @@ def test_a_solid_without_a_boundary_of_its_own_is_refused(disk, words):
         solve(disk(), ck.ScreenedPoisson(1.0), 0.1)
 
 
-def test_solids_are_solved_in_the_collocation_form_unless_asked_for():
-    assert ck.solve(ck.Scene(DISK, ck.ScreenedPoisson(1.0)), 0.2).discretization()["form"] == "collocation"
+def form_and_reason(source, boundaries=(), **options):
+    described = ck.discretize(ck.Scene(source, ck.ScreenedPoisson(1.0), boundaries), 0.2, **options).describe()
+    return described["form"], described["form_reason"]
+
+
+@pytest.mark.parametrize("source", [DISK, CUBE, ck.source("moved", of=DISK, translation=[1.0, 2.0])])
+def test_the_default_form_on_solids(source):
+    assert form_and_reason(source) == ("galerkin", "the default for solids")
+
+
+def test_where_solids_take_the_collocation_form():
+    cut = ck.Boundary("cut", ck.source("analytic.circle", radius=0.5), both=ck.Dirichlet(0.0))
+    squares = [ck.source("analytic.box", lower=[x, 0.0], upper=[x + 1.0, 1.0]) for x in (0.0, 0.7)]
+    cases = {
+        "boundaries inside": form_and_reason(DISK, [cut]),
+        "this degree": form_and_reason(DISK, degree=3),
+        "may overlap": form_and_reason(ck.source("union", members=squares)),
+        "closest points alone": form_and_reason(Plain()),
+    }
+    for words, (form, reason) in cases.items():
+        assert form == "collocation", words
+        assert words in reason
+    assert form_and_reason(WithMesh()) == form_and_reason(Plain())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,8 @@ from cpmkit.errors import ResolutionError, SceneError, place
 from cpmkit.forms.galerkin.mesh_of_manifold import mesh_of_manifold
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.abilities import HasMesh, HasSkin
-from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.adjacency import facets_of_two_cells, repair, rim_of_edges
 from cpmkit.mesh.cell_quadrature import PLAIN_EDGE_SPACINGS
@@ -19,7 +21,7 @@ from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.runtime.index_sets import connected_components
-from cpmkit.types import Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Longest edges of a curved skin, in spacings, by the dimension of the space. In space errors are those of edges of .7,
 #: to 3 percent, with two thirds of the samples; with 1.4 they are half as large again.
@@ -29,6 +31,8 @@ LONGEST_EDGES = {2: PLAIN_EDGE_SPACINGS, 3: 1.0}
 LARGEST_DOUBT = 0.1
 #: Flat cells of a skin that turn by more than this towards each other enclose a reentrant angle.
 REENTRANT_DEGREES = 20.0
+#: Edges whose midpoints lie nearer to straight ones than this share of their length are straight.
+STRAIGHT_SHARE = 1e-12
 #: Normals of a component of the skin are compared with the solid at so many of its cells, at most.
 PROBES = 32
 #: The solid is probed at this distance from its skin, as a share of the longest edge of a cell or the spacing.
@@ -42,6 +46,15 @@ class Skin:
     mesh: Mesh  #: Segments that end on knot planes, or triangles; quadratic where the boundary is curved.
     geometry: CellGeometry  #: How the boundary runs between the vertices.
     warnings: tuple[str, ...]  #: Warnings of the mesh.
+
+    @cached_property
+    def is_flat(self) -> Bools:
+        """(m,) whether each cell has straight edges, to rounding."""
+        mesh = self.mesh
+        if mesh.midpoints is None:
+            return np.ones(len(mesh.cells), dtype=bool)
+        bulge = np.linalg.norm(mesh.midpoints - _straight_midpoints(mesh), axis=2).max(axis=1)
+        return np.asarray(bulge <= STRAIGHT_SHARE * mesh.lengths_of_cells.max(axis=1))
 
     @property
     def facets(self) -> tuple[Mesh, Mesh | None]:
@@ -81,19 +94,23 @@ def skin_of(solid: LocalSource, lattice: Lattice) -> Skin:
 
 
 def _joined(parts: Sequence[Skin]) -> Skin:
-    """Return several skins as one; raise SceneError if some are flat and others curved."""
-    geometries = {part.geometry for part in parts}
-    if len(geometries) > 1:
-        raise SceneError(
-            "the form 'galerkin' takes a union of solids that all have flat or all have curved boundaries; use "
-            "form='collocation'."
-        )
+    """Return several skins as one; if some are curved, flat ones get the midpoints of their straight edges."""
+    geometry: CellGeometry = next((part.geometry for part in parts if part.geometry != "flat"), "flat")
     starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts[:-1]])
     vertices = np.concatenate([part.mesh.vertices for part in parts])
     cells = np.concatenate([part.mesh.cells + start for part, start in zip(parts, starts, strict=True)])
-    midpoints = [part.mesh.midpoints for part in parts if part.mesh.midpoints is not None]
-    mesh = Mesh.of(vertices, cells, np.concatenate(midpoints) if midpoints else None)
-    return Skin(mesh, geometries.pop(), sum((part.warnings for part in parts), ()))
+    given = [part.mesh.midpoints for part in parts]
+    midpoints = None
+    if any(each is not None for each in given):
+        straight = [_straight_midpoints(part.mesh) for part in parts]
+        midpoints = np.concatenate([s if each is None else each for each, s in zip(given, straight, strict=True)])
+    return Skin(Mesh.of(vertices, cells, midpoints), geometry, sum((part.warnings for part in parts), ()))
+
+
+def _straight_midpoints(mesh: Mesh) -> Floats:
+    """Return the midpoints (m, e, d) of the straight edges of each cell; those of triangles opposite their corners."""
+    corners = mesh.vertices[mesh.cells]
+    return np.asarray(0.5 * (corners.sum(axis=1, keepdims=True) - (corners if mesh.manifold_dim == 2 else 0.0)))
 
 
 def _skin_of_member(solid: LocalSource, lattice: Lattice) -> Skin:
@@ -131,6 +148,17 @@ def _boundary_source(solid: LocalSource) -> LocalSource | None:
     return replace(solid, source=solid.source.skin, of=of)
 
 
+def has_known_boundary(solid: ClosestPointSource) -> bool:
+    """Return whether the boundary of a ``solid``, no union, is a source or consists of flat cells of its mesh."""
+    if isinstance(solid, HasSkin):
+        return True
+    try:
+        _own_boundary(localize(solid, np.zeros(solid.dim)), float(np.ptp(solid.bounds, axis=0).max()))
+    except SceneError:
+        return False
+    return True
+
+
 def _own_boundary(solid: LocalSource, spacing: float) -> Mesh:
     """Return the boundary of the cells of a solid's own mesh, which must have flat faces."""
     if not isinstance(solid.source, HasMesh):
@@ -163,8 +191,8 @@ def _check_closed(mesh: Mesh, lattice: Lattice) -> None:
     if len(cells):
         at = place(lattice.to_scene(mesh.vertices[mesh.cells[cells[0]]].mean(axis=0)))
         raise SceneError(
-            f"the boundary of the solid is not closed, or meets itself, near {at}; close it there, or separate the "
-            "parts."
+            f"the boundary of the solid is not closed, or meets itself, near {at}; close it there, separate the parts, "
+            "or use form='collocation'."
         )
 
 

@@ -26,6 +26,7 @@ from cpmkit.manifold.local_source import localize
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.cell_quadrature import Samples, quadrature
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.skin_pieces import skin_pieces
 from cpmkit.mesh.solid_moments import FULL_POINTS, MOMENTS, gauss_points, gauss_weights
 from cpmkit.mesh.solid_pieces import SolidPatches, solid_patches
@@ -71,8 +72,8 @@ def sample_solid(scene: Scene, options: Options[GalerkinOptions]) -> SampledSoli
     surface = localize(scene.surface, lattice.origin)
     skin = skin_of(surface, lattice)
     fine, coarse = skin.facets
-    patches = solid_patches(skin_pieces(fine, lattice.spacing, exact=coarse is None))
-    further = None if coarse is None else skin_pieces(coarse, lattice.spacing, exact=False)
+    patches = solid_patches(skin_pieces(fine, lattice.spacing, exact=bool(skin.is_flat.any())))
+    further = None if coarse is None else skin_pieces(coarse, lattice.spacing, exact=bool(skin.is_flat.any()))
     moments, sums = patches.moments(further)
     _check_skin(patches, moments, sums, lattice)
     inside = _inside_samples(patches, moments, lattice.spacing)
@@ -115,7 +116,7 @@ def _check_skin(patches: SolidPatches, moments: Floats, sums: Floats, lattice: L
         worst = int(np.argmax(excess))
         if excess[worst] > most:
             at = place(lattice.to_scene(lattice.spacing * patches.table.cells[worst]))
-            raise SceneError(f"the boundary of the solid {words.format(at)}.")
+            raise SceneError(f"the boundary of the solid {words.format(at)}, or use form='collocation'.")
 
 
 def _inside_samples(patches: SolidPatches, moments: Floats, spacing: float) -> Samples:
@@ -132,18 +133,21 @@ def _inside_samples(patches: SolidPatches, moments: Floats, spacing: float) -> S
 
 def _skin_samples(skin: Skin, patches: SolidPatches, spacing: float) -> BoundarySamples:
     """Return samples on the skin: the quadrature points of its pieces, or fewer on quadratic or small triangles."""
-    pieces = patches.pieces
-    is_fine = skin.mesh.dim == 3 and float(np.median(skin.mesh.edge_lengths)) < FINE_SPACINGS * spacing
-    if skin.mesh.dim == 2 or (skin.mesh.midpoints is None and not is_fine):
-        points, areas, patch = spacing * pieces.points, pieces.areas, patches.of_piece[pieces.piece]
-        weights = norms(areas)
-        kept = weights > 0
-        points, patch, weights, normals = points[kept], patch[kept], weights[kept], (areas[kept] / weights[kept, None])
-        weights = weights * spacing ** (points.shape[1] - 1)
-    else:
-        made = quadrature(skin.mesh, spacing)
-        points, weights, normals = made.points, made.weights, made.normals[:, 0]
-        patch = _patches_on_skin(points / spacing, normals, patches)
+    pieces, mesh = patches.pieces, skin.mesh
+    is_fine = mesh.midpoints is None and float(np.median(mesh.edge_lengths)) < FINE_SPACINGS * spacing
+    by_pieces = np.full(len(mesh.cells), mesh.dim == 2) | (skin.is_flat & (not is_fine))
+    weights = norms(pieces.areas)
+    # the facets of quadratic triangles are four times the triangles, see Skin.facets
+    kept = (weights > 0) & by_pieces[pieces.facet[pieces.piece] % len(by_pieces)]
+    points, patch = spacing * pieces.points[kept], patches.of_piece[pieces.piece[kept]]
+    normals = pieces.areas[kept] / weights[kept, None]
+    weights = weights[kept] * spacing ** (mesh.dim - 1)
+    if not by_pieces.all():
+        midpoints = None if mesh.midpoints is None else mesh.midpoints[~by_pieces]
+        made = quadrature(Mesh.of(mesh.vertices, mesh.cells[~by_pieces], midpoints), spacing)
+        curved = _patches_on_skin(made.points / spacing, made.normals[:, 0], patches)
+        points, normals = np.concatenate([points, made.points]), np.concatenate([normals, made.normals[:, 0]])
+        weights, patch = np.concatenate([weights, made.weights]), np.concatenate([patch, curved])
     d, order = points.shape[1], np.argsort(patch, kind="stable")
     points, weights, normals, patch = points[order], weights[order], normals[order], patch[order]
     none, count = np.full(len(points), -1), len(points)
