@@ -34,3 +34,26 @@ def torus_eigenvalues(count: int, major: float = 1.0, minor: float = 0.4, nodes:
         values = eigh(energy, np.diag(minor * radius), eigvals_only=True)[: nodes // 3]
         found.append(np.repeat(values, 1 if m == 0 else 2))
     return np.asarray(np.sort(np.concatenate(found))[:count])
+
+
+def cube_eigenvalues(count: int) -> Floats:
+    """Return the first eigenvalues (count,) of the unit cube without flux, 27 at most."""
+    waves = np.indices((4, 4, 4)).reshape(3, -1)
+    return np.asarray(np.sort(np.pi**2 * np.sum(waves**2, axis=0))[:count])
+
+
+def ball_eigenvalues(count: int) -> Floats:
+    """Return the first eigenvalues (count,) of the unit ball without flux, those below 49.
+
+    They are squares of the extrema of spherical Bessel functions of order l, each 2 l + 1 times.
+    """
+    from scipy.optimize import brentq
+    from scipy.special import spherical_jn
+
+    found, steps = [0.0], np.linspace(0.1, 7.0, 200)
+    for order in range(7):
+        slopes = spherical_jn(order, steps, derivative=True)
+        for k in np.flatnonzero(slopes[:-1] * slopes[1:] < 0):
+            root = brentq(lambda x, order=order: spherical_jn(order, x, derivative=True), steps[k], steps[k + 1])
+            found += [root**2] * (2 * order + 1)
+    return np.sort(found)[:count]
