@@ -89,7 +89,7 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
         raise InputError(
             f"The mesh of {type(surface).__name__} has {names} "
             f"where a manifold of dimension {dim} is integrated over; curves, surfaces and areas of the plane with a "
-            "mesh that fills them are accepted."
+            "mesh that fills them are accepted; for other solids use form='galerkin'."
         )
     return cells_with_corners(cells, dim + 1)
 

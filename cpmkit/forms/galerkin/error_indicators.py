@@ -71,7 +71,7 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
     """Return the divisor at twice the spacing in :func:`difference_order`; ``smooth`` is that of smooth sources."""
     if resolution.end_or_layer_reason():
         return SLOW_DIVISOR
-    if resolution.coefficients.sampled.is_reentrant:
+    if resolution.coefficients.sampled.slow_part_of_solid:
         return THIN_DIVISOR
     lattices = [each.coefficients.sampled for each in (resolution, coarser) if each is not None]
     if any(each.has_charts for each in lattices):

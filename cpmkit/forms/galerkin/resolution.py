@@ -184,8 +184,8 @@ class Resolution:
         reason, share = self.end_or_layer_reason(), self.normal_spread.unresolved_share
         if reason:
             return reason
-        if self.coefficients.sampled.is_reentrant:
-            return "the solid has reentrant corners or edges; the error may fall slowly"
+        if part := self.coefficients.sampled.slow_part_of_solid:
+            return f"{part}; the error may fall slowly"
         if share > FOLDED_SHARE:
             return f"thin, folded or creased: {share:.0%} of the area; the error may fall slowly"
         if coarser is not None and self.folds_persist(coarser):

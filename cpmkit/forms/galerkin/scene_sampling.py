@@ -107,9 +107,9 @@ class SampledScene(InsertedScene):
         return np.asarray(self.mesh.vertices[self.mesh.cells[self.half.cell[half, None], places]])
 
     @property
-    def is_reentrant(self) -> bool:
-        """Whether the manifold is a solid with reentrant corners or edges, at which gradients are unbounded."""
-        return False
+    def slow_part_of_solid(self) -> str:
+        """In words, the part of a solid at which errors fall slowly; empty without one, and for other manifolds."""
+        return ""
 
     @property
     def has_charts(self) -> bool:

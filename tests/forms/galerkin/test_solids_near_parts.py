@@ -46,6 +46,16 @@ def test_parts_that_nearly_touch(dim, spacing, gap, thick, turn, shift):
     assert solution.integrate(1) == pytest.approx(2 * thick, rel=1e-11)
 
 
+@pytest.mark.parametrize(("thick", "is_thin"), [(1.5, False), (0.5, False), (0.1, True), (0.01, True)])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_solids_much_thinner_than_the_spacing_are_named_by_the_estimate(dim, thick, is_thin):
+    spacing = 0.1
+    upper = [1.0] * (dim - 1) + [thick * spacing]
+    slab = ck.source("analytic.box", lower=[0.0] * dim, upper=upper, rotation=0.3 if dim == 2 else [0.3, 0.2, 0.5])
+    solution = ck.solve(ck.Scene(slab, ck.ScreenedPoisson("x*y")), spacing)
+    assert ("thinner than a third of the spacing" in solution.error.slow) == is_thin
+
+
 @pytest.mark.parametrize("thick", [1.0, 0.05, 0.003])
 @pytest.mark.parametrize("edge", [ck.Dirichlet(1.0), ck.Neumann(0.0)], ids=["value", "no flux"])
 @pytest.mark.parametrize("dim", [2, 3])

@@ -41,6 +41,9 @@ BULGE_SHARE = 0.05
 FINE_SPACINGS = 0.25
 #: Coefficients at the skin are compared with those so many spacings inside.
 INSIDE_SPACINGS = 0.25
+#: A solid is thin if more than this share of its volume is thinner than so many spacings. In slabs of .05 spacings the
+#: error of f is amplified, and estimates that expect order 3 were down to a tenth of the error; at .5 they were right.
+LARGEST_THIN_SHARE, THIN_SPACINGS = 0.5, 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +54,21 @@ class SampledSolid(SampledScene):
     dof_map: DofMap  #: The dof map of the samples.
 
     @cached_property
-    def is_reentrant(self) -> bool:
-        """Whether the skin has reentrant corners or edges."""
-        return has_reentrant_edges(self.mesh)
+    def slow_part_of_solid(self) -> str:
+        """In words, reentrant corners or edges, at which gradients are unbounded, or thin parts; else empty."""
+        if has_reentrant_edges(self.mesh):
+            return "the solid has reentrant corners or edges"
+        thin = self._thin_share
+        return f"{thin:.0%} of the solid is thinner than a third of the spacing" if thin > LARGEST_THIN_SHARE else ""
+
+    @property
+    def _thin_share(self) -> float:
+        """Share of the volume in thin patches; a patch is as thick as twice its volume over the area of its skin."""
+        patches, spacing = self.patches, self.lattice.spacing
+        count, d = len(patches.cells), self.surface.dim
+        volumes = np.bincount(self.dof_map.patch, self.samples.weights, minlength=count) / spacing**d
+        areas = np.bincount(patches.of_piece, norms(patches.pieces.normals), minlength=count)
+        return float(volumes[2 * volumes < THIN_SPACINGS * areas].sum() / volumes.sum())
 
     @property
     def has_near_parts(self) -> bool:
