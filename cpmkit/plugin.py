@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # Abilities of sources
     from cpmkit.manifold.abilities import HasCreases as HasCreases
     from cpmkit.manifold.abilities import HasFacets as HasFacets
     from cpmkit.manifold.abilities import HasGivenMesh as HasGivenMesh
+    from cpmkit.manifold.abilities import HasInside as HasInside
     from cpmkit.manifold.abilities import HasLeft as HasLeft
     from cpmkit.manifold.abilities import HasLocalMinima as HasLocalMinima
     from cpmkit.manifold.abilities import HasMembers as HasMembers

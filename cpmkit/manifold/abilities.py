@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.runtime.deprecation import warn_renamed
-from cpmkit.types import Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Edge numbers of a source are below this, unless it has an attribute ``edge_limit``.
 MOST_EDGES = 1000
@@ -33,6 +33,14 @@ class HasCreases(Protocol):
 
         NaN in other cells, at corners off creases, and on edges between such corners: there the surface is smooth.
         """
+
+
+@runtime_checkable
+class HasInside(Protocol):
+    """A closed hypersurface that knows on which side a point lies, also at corners where its normals do not tell."""
+
+    def closest_point_and_inside(self, x: Floats, /) -> tuple[ClosestPoints, Bools]:
+        """Return the closest points of ``x`` (n, d), and whether each of ``x`` lies inside or on it, (n,)."""
 
 
 @runtime_checkable

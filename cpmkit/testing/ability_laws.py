@@ -53,6 +53,26 @@ def check_facet_normals(subject: Subject, x: Floats) -> None:
     _require_unit_length(normals[flat], feet.points[flat])
 
 
+@law("anywhere", abilities.HasInside)
+def check_inside(subject: Subject, x: Floats) -> None:
+    """Closest points are those of ``closest_point``; a point far away is outside, and the manifold parts both sides.
+
+    Two points on different sides are at least as far from each other as their distances from an exact manifold add up.
+    """
+    feet, inside = subject.source.closest_point_and_inside(x.copy())
+    require(inside.shape == (len(x),) and inside.dtype == bool, f"Whether {len(x)} points are inside is {inside!r}.")
+    off = np.linalg.norm(feet.points - subject.feet(x).points, axis=1)
+    require_rows(off <= subject.round_off(x), x, "The closest point differs from that of closest_point by", off)
+    far = subject.centre + 10 * subject.size
+    require(not subject.source.closest_point_and_inside(far[None])[1][0], f"The far point {far} is inside.")
+    others = np.roll(x, 1, axis=0)
+    excess = feet.distance + np.roll(feet.distance, 1) - np.linalg.norm(x - others, axis=1)
+    parted = (excess <= subject.round_off(x) + subject.round_off(others)) | (inside == np.roll(inside, 1))
+    require_rows(
+        parted | (not subject.source.exact), x, "No point is between it and one on the other side, nearer by", excess
+    )
+
+
 @law("near", abilities.HasTangents)
 def check_tangents(subject: Subject, x: Floats) -> None:
     """Tangents have length one, lie along the curve, and those of neighbouring feet have the same direction."""

@@ -54,6 +54,9 @@ class Circle:
     def facet_normals(self, feet: ClosestPoints) -> np.ndarray:
         return np.where(feet.points[:, :1] > self.center[0], self.normals(feet), np.nan)
 
+    def closest_point_and_inside(self, x: np.ndarray) -> tuple[ClosestPoints, np.ndarray]:
+        return self.closest_point(x), np.linalg.norm(x - self.center, axis=1) <= 1.0
+
     def tangents(self, feet: ClosestPoints) -> np.ndarray:
         return directions(feet.points - self.center)[:, ::-1] * [-1.0, 1.0]
 
@@ -204,6 +207,30 @@ class LongFacetNormals(Circle):
 class FacetNormalsUnknownInPart(Circle):
     def facet_normals(self, feet):
         return np.where([True, False], super().normals(feet), np.nan)
+
+
+class Everted(Circle):
+    def closest_point_and_inside(self, x):
+        feet, inside = super().closest_point_and_inside(x)
+        return feet, ~inside
+
+
+class InsideOnTheRightAlone(Circle):
+    def closest_point_and_inside(self, x):
+        feet, inside = super().closest_point_and_inside(x)
+        return feet, inside & (x[:, 0] > self.center[0])
+
+
+class InsideByNumbers(Circle):
+    def closest_point_and_inside(self, x):
+        feet, inside = super().closest_point_and_inside(x)
+        return feet, inside.astype(int)
+
+
+class FeetOfItsOwn(Circle):
+    def closest_point_and_inside(self, x):
+        feet, inside = super().closest_point_and_inside(x)
+        return replace(feet, points=-feet.points), inside
 
 
 class LongTangents(Circle):
@@ -413,6 +440,7 @@ FAULTS = {
     "bounds": [SmallBounds],
     "normals": [NormalsAlongTheCurve, NormalsTowardsTheQuery],
     "facet_normals": [LongFacetNormals, FacetNormalsUnknownInPart],
+    "inside": [Everted, InsideOnTheRightAlone, InsideByNumbers, FeetOfItsOwn],
     "tangents": [LongTangents, TangentsAcrossTheCurve],
     "values": [ZeroData],
     "mesh": [MeshOffTheCurve, MeshWithoutWrap, MeshOfTriangles, PaddedMesh],

@@ -12,6 +12,7 @@ import numpy as np
 
 from cpmkit.plugin import (
     Advice,
+    Bools,
     ClosestPoints,
     ClosestPointSource,
     Floats,
@@ -85,6 +86,11 @@ class Moved(Wrapper):
     _facet_normals = partialmethod(_directions, "facet_normals")
     _tangents = partialmethod(_directions, "tangents")
     _leftward = partialmethod(_directions, "leftward")
+
+    def _closest_point_and_inside(self, x: Floats, /) -> tuple[ClosestPoints, Bools]:
+        """Return the closest points of ``x`` (n, d), and (n,) whether each of ``x`` lies inside or on the source."""
+        feet, inside = self.of.closest_point_and_inside(self._to_inner(as_points(x, self.dim)))
+        return self._world_record(feet), inside
 
     @property
     def left_of(self) -> Floats | None:

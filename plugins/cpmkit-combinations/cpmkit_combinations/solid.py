@@ -13,6 +13,7 @@ from cpmkit.plugin import (
     ClosestPoints,
     ClosestPointSource,
     Floats,
+    HasInside,
     HasNormals,
     HasTangents,
     InputError,
@@ -39,7 +40,8 @@ class Solid(Wrapper):
     of : ClosestPointSource
         The hypersurface; a union of several closed ones where the solid has holes or several parts.
     outward : tuple of float
-        For it or each of its members, 1 where normals point outwards, -1 where they point inwards.
+        For it or each of its members, 1 where normals point outwards or it knows its inside, -1 where they point
+        inwards.
     """
 
     outward: tuple[float, ...]
@@ -80,11 +82,10 @@ class Solid(Wrapper):
         Inside is on or inside an odd number of the closed parts.
         """
         if not isinstance(self.of, Union):
-            feet = self.of.closest_point(x)
-            return feet, self.outward[0] * signed_height(self.of, feet, x) <= 0
+            return closest_point_and_inside(self.of, self.outward[0], x)
         odd = np.zeros(len(x), dtype=bool)
         for part, outward in zip(self.of.members, self.outward, strict=True):
-            odd ^= outward * signed_height(part, part.closest_point(x), x) <= 0
+            odd ^= closest_point_and_inside(part, outward, x)[1]
         return self.of.closest_point(x), odd
 
     @property
@@ -108,6 +109,17 @@ class Solid(Wrapper):
     def edge_limit(self) -> int:
         """The exclusive upper bound of edge numbers."""
         return MOST_EDGES * (len(self.of.members) if isinstance(self.of, Union) else 1)
+
+
+def closest_point_and_inside(hypersurface: Any, outward: float, x: Floats) -> tuple[ClosestPoints, Bools]:
+    """Return the closest points of ``x`` (n, d) on a hypersurface, and (n,) whether each of ``x`` is on or inside it.
+
+    ``outward`` is 1 where normals point outwards, -1 where inwards, of a hypersurface that does not know its inside.
+    """
+    if isinstance(hypersurface, HasInside):
+        return hypersurface.closest_point_and_inside(x)
+    feet = hypersurface.closest_point(x)
+    return feet, outward * signed_height(hypersurface, feet, x) <= 0
 
 
 def signed_height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
@@ -150,8 +162,8 @@ def solid(*, of: ClosestPointSource) -> Any:
     ----------
     of : source
         A closed curve in the plane with normals or tangents, or a closed surface in space with normals, of either
-        sign. The solid of a union contains the points that an odd number of members encloses: a circle inside a circle
-        makes a hole.
+        sign. The solid of a union, or of a mesh of several shells, contains the points that an odd number of them
+        encloses, in whatever sense they are wound: a circle inside a circle makes a hole.
 
     Examples
     --------
@@ -167,7 +179,7 @@ def solid(*, of: ClosestPointSource) -> Any:
 
 
 def _outward_sign(part: ClosestPointSource) -> float:
-    """Return 1.0 if the normals of the closed hypersurface ``part`` point outwards, else -1.0.
+    """Return 1.0 if the normals of the closed hypersurface ``part`` point outwards, or it knows its inside, else -1.0.
 
     Raise InputError if it is no closed hypersurface with normals, or in the plane with tangents.
     """
@@ -188,5 +200,7 @@ def _outward_sign(part: ClosestPointSource) -> float:
     probes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, part.dim)
     if (part.closest_point(probes).edge >= 0).any():
         raise InputError(f"{type(part).__name__} is open and encloses nothing; give a closed one.")
+    if isinstance(part, HasInside):
+        return 1.0
     far = (upper + 10 * size)[None]
     return float(np.sign(signed_height(part, part.closest_point(far), far)[0]))

@@ -20,6 +20,7 @@ from cpmkit.plugin import (
     HasCreases,
     HasFacets,
     HasGivenMesh,
+    HasInside,
     HasLeft,
     HasLocalMinima,
     HasMembers,
@@ -80,6 +81,12 @@ _NOT_READ = "what the assumption of a smooth surface costs is estimated for a me
 ABILITIES: Mapping[type, PassingRules] = {
     HasNormals: PassingRules(moved=all_have, union=all_have_in_one_dimension, trimmed=all_have, solid=_FILLS),
     HasCreases: PassingRules(moved=all_have, union=all_have_in_one_dimension, trimmed=all_have, solid=_FILLS),
+    HasInside: PassingRules(
+        moved=all_have,
+        union="its members may enclose each other: a solid asks each of them",
+        trimmed="a part is open and encloses nothing",
+        solid=_FILLS,
+    ),
     HasTangents: PassingRules(moved=all_have, union=all_have_in_one_dimension, trimmed=all_have, solid=_FILLS),
     HasLeft: PassingRules(moved=all_have, union=all_have_in_one_dimension, trimmed=all_have, solid=_FILLS),
     HasLocalMinima: PassingRules(

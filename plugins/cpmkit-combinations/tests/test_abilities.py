@@ -46,6 +46,9 @@ class Able:
     def facet_normals(self, feet, /):
         return np.where(feet.points[:, :1] > self.center[0], self.normals(feet), np.nan)
 
+    def closest_point_and_inside(self, x, /):
+        return self.closest_point(x), np.linalg.norm(x - self.center, axis=1) <= self.radius
+
     def tangents(self, feet, /):
         n = self.normals(feet)
         return np.stack([-n[:, 1], n[:, 0]], axis=1)
@@ -131,6 +134,15 @@ def test_directions_and_values_are_those_of_the_source(kind, name):
     else:
         got, want = getattr(source, name)(feet), turned(getattr(FIRST, name)(own))
     np.testing.assert_allclose(got[kept], want[kept], atol=1e-9)
+
+
+def test_what_is_inside_is_moved():
+    source, _, placed, _ = made("moved")
+    feet, inside = source.closest_point_and_inside(placed(QUERIES))
+    own, expected = FIRST.closest_point_and_inside(QUERIES)
+    assert feet.points == pytest.approx(placed(own.points))
+    assert inside.tolist() == expected.tolist()
+    assert 0 < inside.sum() < len(inside)
 
 
 def test_the_point_on_the_left_is_moved_and_is_dropped_with_what_it_is_left_of():

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import InputError, positive, shown
+from cpmkit_mesh.closed import ClosedTriangleMesh
 from cpmkit_mesh.corner_normals import corner_normals
 from cpmkit_mesh.engines import ENGINES
 from cpmkit_mesh.face_geometry import checked_angle
@@ -70,7 +71,9 @@ def triangles(
     weld = None if weld is None else positive(weld, "weld")
     given_vertices, given_faces = as_mesh(vertices, faces) if file is None else read_mesh(file)
     repaired = repair_mesh(given_vertices, given_faces, weld)
-    mesh_class = OrientedTriangleMesh if repaired.adjacency.consistent else TriangleMesh
+    mesh_class: type[TriangleMesh] = OrientedTriangleMesh if repaired.adjacency.consistent else TriangleMesh
+    if repaired.adjacency.consistent and (repaired.adjacency.neighbours >= 0).all():
+        mesh_class = ClosedTriangleMesh
     mesh = mesh_class(
         repaired=repaired,
         smooth=closest == "smooth",
