@@ -164,6 +164,13 @@ def test_an_area_contains_what_its_polygon_encloses(points, turned):
     assert ((ck.source("solid", of=curve).closest_point(x).edge < 0) == expected).all()
 
 
+def test_shells_that_nearly_coincide_are_refused_with_the_distance():
+    surface = ck.source("mesh.triangles", vertices=MESHES["a thin shell"][0], faces=MESHES["a thin shell"][1])
+    scene = ck.Scene(ck.source("solid", of=surface), ck.ScreenedPoisson(1.0), edge=ck.Neumann(0.0))
+    with pytest.raises(ck.CpmkitError, match=r"thinner than .*, or two parts of its boundary lie upon each other"):
+        ck.solve(scene, 0.1, form="galerkin")
+
+
 VOLUMES = {
     "corner": 1 / 6,
     "corner, reversed": 1 / 6,

@@ -260,10 +260,11 @@ def _oriented(mesh: Mesh, solid: LocalSource, boundary: LocalSource | None, latt
     inside = [solid.closest_point(np.ascontiguousarray(x)).edge < 0 for x in (at - step, at + step)]
     votes = np.bincount(part[chosen], inside[0].astype(float) - inside[1], count)
     if np.any(votes[members > 0] == 0):
-        doubtful = chosen[votes[part[chosen]] == 0][0]
+        doubtful = np.flatnonzero(votes[part[chosen]] == 0)[0]
         raise SceneError(
-            "inside and outside of the solid cannot be distinguished at its boundary near "
-            f"{place(lattice.to_scene(_middles(mesh)[doubtful]))}; look there for parts that lie upon each other."
+            f"near {place(lattice.to_scene(at[doubtful]))} the solid or a gap in it is thinner than "
+            f"{float(norms(step)[doubtful]):.1g}, or two parts of its boundary lie upon each other, so that inside and "
+            "outside cannot be distinguished; move the parts apart, or leave one of them out."
         )
     turned = np.flatnonzero(np.sign(votes)[part] * mesh.winding < 0)
     cells, midpoints = mesh.cells.copy(), mesh.midpoints
