@@ -202,6 +202,7 @@ def test_channels_have_gradients_and_fluxes_each():
     [
         (("circle",), "side of 'circle' must be 'left' or 'right': a flux leaves one side"),
         (("nose", "left"), "no boundary has the name 'nose'"),
+        (("nose",), "no boundary has the name 'nose'; the scene has 'circle'"),
         (("edge",), "has no edge with a flux; it is closed"),
         (("edge", "left"), "the edge has one side only"),
         (("circle", "up"), "must be 'left' or 'right'"),
@@ -211,6 +212,20 @@ def test_fluxes_that_are_none(arguments, message):
     solution = ck.solve(two_sided(**SIDES["dirichlet"]), 0.25)
     with pytest.raises(ck.InputError, match=message):
         solution.flux(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nose", "no boundary has the name 'nose'; the scene has 'circle'"),
+        ("edge", r"with two sides, got 'edge'; solution\.flux\('edge'\) is the flux through the edge"),
+        ("circle", "side of 'circle' must be 'left' or 'right'"),
+    ],
+)
+def test_flux_densities_that_are_none(name, message):
+    solution = ck.solve(two_sided(**SIDES["dirichlet"]), 0.25)
+    with pytest.raises(ck.InputError, match=message):
+        solution.flux_density(name, None, [[1.0, 0.0]])
 
 
 def test_a_point_on_a_surface_has_no_flux():
