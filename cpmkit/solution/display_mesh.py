@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import HasGivenMesh, HasNormals
+from cpmkit.manifold.abilities import HasGivenMesh, HasNormals, HasSkin
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.mesh import vertex_normals
@@ -156,10 +156,12 @@ def _group_by_sides(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
 def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
     """Return the vertices (n, d) and cells (m, k) of the mesh that the user made ``surface`` from, in their order.
 
-    Raises InputError if the surface was not made from a mesh, a polyline or a cloud.
+    Those of a solid are the vertices and cells of its boundary. Raises InputError if the surface, or the boundary of
+    the solid, was not made from a mesh, a polyline or a cloud.
     """
-    if isinstance(surface, HasGivenMesh):
-        return surface.given_mesh
+    made = surface.skin if isinstance(surface, HasSkin) else surface
+    if isinstance(made, HasGivenMesh):
+        return made.given_mesh
     raise InputError(
         f"The surface {type(surface).__name__} was not made from vertices of yours; solution.evaluate(points) "
         "reads any points, and solution.display_mesh() is the mesh that pictures show."

@@ -165,9 +165,10 @@ class SolutionRecord:
     def at_vertices(self, side: Sides = None) -> Floats:
         """Return the solution at the vertices of the mesh, polyline or cloud that the surface was made from.
 
-        There is one row per vertex, in the order of the file or array, also if vertices were welded or moved since. A
-        vertex in no face has the value of the nearest point of the surface; it is NaN if that is farther than half a
-        spacing, or the vertex is not finite. ``side`` is as for :meth:`evaluate`.
+        Those of a solid are the vertices of its boundary. There is one row per vertex, in the order of the file or
+        array, also if vertices were welded or moved since. A vertex in no face has the value of the nearest point of
+        the surface; it is NaN if that is farther than half a spacing, or the vertex is not finite. ``side`` is as for
+        :meth:`evaluate`.
 
         Returns
         -------

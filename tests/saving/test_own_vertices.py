@@ -159,6 +159,18 @@ def test_polylines_and_clouds_have_their_points(tmp_path):
     assert np.abs(on_cloud - values).max() < 0.01
 
 
+@pytest.mark.parametrize("form", ["galerkin", "collocation"])
+def test_solids_have_the_vertices_of_their_boundary(tmp_path, form):
+    corners = np.concatenate([np.zeros((1, 3)), np.eye(3), [[9.0, 9.0, 9.0]]])
+    skin = ck.source("mesh.triangles", vertices=corners, faces=[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    solid = ck.source("moved", of=ck.source("solid", of=skin), translation=[1.0, 0.0, 0.0])
+    scene = ck.Scene(solid, ck.ScreenedPoisson(lambda x: x[:, 0]), edge=ck.Dirichlet(lambda x: x[:, 0]))
+    solution = ck.solve(scene, 0.1, form=form)
+    np.testing.assert_allclose(solution.at_vertices(), [1, 2, 1, 1, np.nan], atol=0.01)
+    solution.save(tmp_path / "solid.csv", vertices="own")
+    assert len((tmp_path / "solid.csv").read_text().splitlines()) == 6
+
+
 def test_a_surface_that_was_made_from_no_vertices_is_refused(tmp_path):
     solution = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0)), 0.3)
     for ask in (solution.at_vertices, lambda: solution.save(tmp_path / "u.csv", vertices="own")):
