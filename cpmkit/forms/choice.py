@@ -95,15 +95,13 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
 
 def _form_of_solid(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     """Return the form and the reason as :func:`choose_form` does, for a scene on a solid that both forms may take."""
-    from cpmkit.forms.galerkin.solids.skin import has_known_boundary
-
     if scene.boundaries:
         return "collocation", "the only one with boundaries inside a solid"
     if given.get("degree", 2) != 2:
         return "collocation", "the only one with this degree on a solid"
     if len(members_of(scene.surface)) > 1:
         return "collocation", "the only one for solids that may overlap"
-    if not has_known_boundary(scene.surface):
+    if not import_module("cpmkit.forms.galerkin.solids.skin").has_known_boundary(scene.surface):
         return "collocation", "the boundary of the solid is known by its closest points alone"
     return "galerkin", "the default for solids"
 
