@@ -55,7 +55,7 @@ def check_facet_normals(subject: Subject, x: Floats) -> None:
 
 @law("anywhere", abilities.HasInside)
 def check_inside(subject: Subject, x: Floats) -> None:
-    """Closest points are those of ``closest_point``; a point far away is outside, and the manifold parts both sides.
+    """Closest points are those of ``closest_point``; a point far away is outside, and the manifold separates both sides.
 
     Two points on different sides are at least as far from each other as their distances from an exact manifold add up.
     """
@@ -67,9 +67,9 @@ def check_inside(subject: Subject, x: Floats) -> None:
     require(not subject.source.closest_point_and_inside(far[None])[1][0], f"The far point {far} is inside.")
     others = np.roll(x, 1, axis=0)
     excess = feet.distance + np.roll(feet.distance, 1) - np.linalg.norm(x - others, axis=1)
-    parted = (excess <= subject.round_off(x) + subject.round_off(others)) | (inside == np.roll(inside, 1))
+    separated = (excess <= subject.round_off(x) + subject.round_off(others)) | (inside == np.roll(inside, 1))
     require_rows(
-        parted | (not subject.source.exact), x, "No point is between it and one on the other side, nearer by", excess
+        separated | (not subject.source.exact), x, "No point is between it and one on the other side, nearer by", excess
     )
 
 
