@@ -55,7 +55,7 @@ def check_facet_normals(subject: Subject, x: Floats) -> None:
 
 @law("anywhere", abilities.HasInside)
 def check_inside(subject: Subject, x: Floats) -> None:
-    """Closest points are those of ``closest_point``; a point far away is outside, and the manifold separates both sides.
+    """Closest points are those of ``closest_point``; a far point is outside, and the manifold separates both sides.
 
     Two points on different sides are at least as far from each other as their distances from an exact manifold add up.
     """
