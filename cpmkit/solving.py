@@ -221,7 +221,7 @@ def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
     unknowns = at_surface + sum(at_boundaries)
     chosen = model.choose_solver(solver, unknowns)
     model.check_fits(unknowns, chosen)
-    parts = [Part("unknowns of the surface", _rounded_count(at_surface), f"form {options.form!r}: {options.reason}")]
+    parts = [Part("unknowns of the manifold", _rounded_count(at_surface), f"form {options.form!r}: {options.reason}")]
     for boundary, count in zip(scene.boundaries, at_boundaries, strict=True):
         why = f"each side has its own: {sides_in_words(boundary)}"
         parts.append(Part(f"unknowns at {boundary.name!r}", _rounded_count(count), why))
