@@ -187,10 +187,11 @@ class AdaptiveRun:
         return True
 
     def source_error(self) -> float:
-        """Return the error due to the source of the manifold, as a share of the range; 0 for eigenvalues.
+        """Return the error due to the source of the manifold, as a share of the range of u; 0 for eigenvalues.
 
-        For a mesh read as smooth it is computed by a solve on the flat triangles if it may exceed the tolerance, but
-        not for a recipe, nor once a solve has failed: then it is the form's own estimate.
+        :func:`measured_source_error` computes it once, for a mesh read as smooth by a solve on the flat triangles if
+        needed. Until then it is the form's estimate if there is no tolerance, a recipe (a function of the user) solves
+        the scene, or a solve has failed.
         """
         solution = self.last.solution
         if self.measured_floor is None:

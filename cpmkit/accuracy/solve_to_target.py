@@ -262,7 +262,7 @@ def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: fl
 
 
 def _degree_sentence(run: AdaptiveRun, best: TimedSolve) -> str:
-    """Return a sentence on the degree that was chosen; "" if none was, or the best solve has another degree."""
+    """Return a sentence on the chosen degree; "" if none was, or the best solve has other options than the last."""
     if not run.chosen_options or not run.has_same_options(best.solution):  # the last solve has the chosen degree
         return ""
     return (

@@ -246,15 +246,14 @@ def check_heat_reaches(cold: Bools, surface: ClosestPointSource) -> None:
 def vector_heat_directions(
     prepared: Prepared, coupling: ck.Field, source: ck.PointSource, shortest: float
 ) -> tuple[Floats, Solution]:
-    """Return unit vectors (p, 3) along the heat of vectors, at ``prepared.points``, and a solution with these values.
+    """Return the unit directions (p, 3) of diffused vectors at ``prepared.points``, and a solution with these values.
 
-    Each is the direction after the shortest time in which heat arrives. Raises SceneError if none arrives somewhere.
+    A direction is read after the first time at which the vector at the point exceeds noise: ``shortest`` times the
+    squared spacing, four times that, and so on. Raises SceneError if the vector at some point never does.
 
-    ``prepared``: a surface.
+    ``prepared``: the surface, prepared for solving.
     ``coupling``: the coefficient that keeps vectors tangential, see :func:`tangential_coupling`.
-    ``source``: the vectors (k, 3) from which heat flows, at points.
-    ``shortest``: the shortest time, over the spacing squared. Where only noise has arrived, four times that time, and
-        so on.
+    ``source``: the vectors (k, 3) that diffuse, at points.
     """
     h = prepared.discretized.spacing
     heated = prepared.solved_by("jacobi", solver_tolerance=1e-12)  # well below NOISE_SHARE

@@ -179,10 +179,11 @@ class Measured(Result):
         return self.solution.estimated or ck.estimate_error_by(self.recompute, self.solution, order=1.0)
 
     def gradient(self, points: Any) -> Floats:
-        """Return the tangential gradient at ``points``, (n, d) or (d,) of both; errors as of ``Solution.gradient``.
+        """Return the tangential gradient (n, d) at ``points`` (n, d), or (d,) at one point (d,).
 
-        Its length is about one except at ridges, ends and gaps, and within two spacings of origins of unsigned
-        distances, on which it is zero, as on pieces without an origin.
+        Its length is about one except on ridges of the distance, at ends and gaps of curves, and within two spacings of
+        the origins of unsigned distances. It is zero on these origins, and on pieces of the manifold without an origin.
+        Raises the errors of ``Solution.gradient``.
         """
         return np.asarray(self.solution.gradient(points))
 

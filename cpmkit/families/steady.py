@@ -150,10 +150,11 @@ def unresolved_wave_warnings(form: Discretized, terms: Terms) -> list[str]:
 def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) -> tuple[list[str], Resonance | None]:
     """Return a list of warnings, and the record of the eigenvalue nearest to zero, None if it is not computed.
 
-    There is a warning if the eigenvalue's error may determine the solution u (n, channels), or ``solver``, that of the
-    equation, does not converge. Inverse iteration from plane waves gives the eigenvalue, one more step from u the part
-    of u in its modes. It is computed only for linear steady problems without a velocity whose c or conditions may make
-    the energy negative; unless they are standing waves, only in forms with gradients.
+    There is a warning if the eigenvalue is so near to zero that its error leaves the size and sign of the solution u
+    (n, channels) undetermined, or if ``solver``, which solves the equation, does not converge. Inverse iteration from
+    plane waves gives the eigenvalue; one more step, from u, gives the part of u in the modes of the eigenvalue. The
+    eigenvalue is computed only for linear steady problems without a velocity whose c or conditions may make the energy
+    negative, and, if the equation has no standing waves, only in forms with gradients.
     """
     form = context.discretized
     terms = context.scene.problem.terms()

@@ -157,7 +157,7 @@ def _forms_accepting(name: str, given: Iterable[str]) -> list[str]:
 
 
 def _deciding_option(given: Mapping[str, Any]) -> str:
-    """Return in words the option of ``given`` that determines the form; with its value if other forms have it."""
+    """Return words for the option of ``given`` that determines the form: its name, and its value if several have it."""
     deciding = [name for name in given if len(_forms_accepting(name, given)) == 1]
     name = min(deciding, key=lambda name: len(_forms_with(name)))
     return f"the option {name!r}" if len(_forms_with(name)) == 1 else f"{name}={given[name]!r}"

@@ -309,8 +309,9 @@ class Discretized(FormValues):
     def source_error(self, difference: float | None = None) -> float:
         """Return the error that the representation of the manifold leaves at any spacing, as a share of u's range.
 
-        ``difference`` is the root mean square difference, as a share of the range, from the solution on the flat
-        triangles of a mesh that is read as smooth, None where unknown; the default, for integrals, ignores it.
+        ``difference`` is the root mean square difference, as a share of the range, between the solution and that on the
+        flat triangles of a mesh that is read as smooth; None if unknown. This method ignores it, and returns what the
+        source states.
         """
         return integral_floor_of(self.scene.surface, self.spacing)
 

@@ -246,7 +246,7 @@ class Derivatives:
         return self._known[place, name]
 
     def _derivative(self, place: int, name: str) -> int | None:
-        """Return the place of the derivative of a step by ``name``, given those of its operands; None means zero."""
+        """Return the place of a step's derivative with respect to ``name``, given its operands'; None if it is zero."""
         kind, *operands = self.steps.steps[place]
         if kind in ("name", "number"):
             return self.steps.number(1.0) if [kind, *operands] == ["name", name] else None

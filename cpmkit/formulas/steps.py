@@ -42,12 +42,13 @@ MAX_FORMULA_PARTS = 4_000
 def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") -> ast.expr:
     """Return the checked syntax tree of a formula in the variables ``names`` and the constants pi and e.
 
-    Raises SceneError, which calls the formula ``label``, if ``text`` is not text, is too long or nested too deeply,
-    contains #, does not parse, or uses a name, operation, number of arguments or number that is not available.
+    Raises SceneError, in which the formula is called ``label``, if ``text`` is not text, is too long or nested too
+    deeply, contains #, does not parse, or contains an unknown name or operation, a call with a wrong number of
+    arguments, or a number beyond the largest float.
     """
     if not isinstance(text, str):
         raise SceneError(f"{label} must be a formula such as 'x**2 + y', got {shown(text)}.")
-    tree = parse_text(text, label)
+    tree = parse_expression(text, label)
     parts = [node for node in ast.walk(tree) if isinstance(node, ast.expr)]
     if len(parts) > MAX_FORMULA_PARTS:
         raise SceneError(
@@ -63,10 +64,11 @@ def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") ->
     return tree
 
 
-def parse_text(text: str, label: str = "the formula") -> ast.expr:
-    """Return the syntax tree of a Python expression whose nodes are not checked; :func:`formula_tree` does that.
+def parse_expression(text: str, label: str = "the formula") -> ast.expr:
+    """Return the syntax tree of a Python expression, whose names and operations are not checked.
 
-    Raises SceneError, with ``label``, if ``text`` is too long, contains #, is nested too deeply, or does not parse.
+    :func:`formula_tree` checks them. Raises SceneError, in which the expression is called ``label``, if ``text`` is too
+    long, contains #, is nested too deeply, or does not parse.
     """
     if len(text) > MAX_FORMULA_CHARACTERS:
         raise SceneError(

@@ -170,7 +170,7 @@ def without_border(operator: Operator) -> Operator:
     return operator if bordered is None else bordered.operator
 
 
-def with_diagonal(matrix: SparseMatrix, added: Floats) -> SparseMatrix:
+def plus_diagonal(matrix: SparseMatrix, added: Floats) -> SparseMatrix:
     """Return ``matrix`` (n, n) with ``added`` (n,) added to its diagonal."""
     from scipy.sparse import diags_array
 

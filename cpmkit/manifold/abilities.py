@@ -67,10 +67,10 @@ class HasLocalMinima(Protocol):
     """A source that finds a foot on each sheet near a query, not only the closest point."""
 
     def local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
-        """Return all feet of each row of ``x`` (n, d) within ``radius``.
+        """Return all feet of the rows of ``x`` (n, d) within ``radius``: local minima of the distance on the manifold.
 
-        A foot is a local minimum of the distance on the manifold. The first array (k,), ascending, contains the row of
-        ``x`` of each foot. The feet of one row are distinct and ordered by ``distance``; the first is the answer of
+        The first array (k,), ascending, contains for each foot the number of its row of ``x``; the second result is the
+        feet. The feet of one row are distinct and ordered by ``distance``; the first is the answer of
         ``closest_point``. Rows without a foot within ``radius`` do not occur.
 
         Raises

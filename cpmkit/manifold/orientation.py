@@ -31,9 +31,10 @@ class Orientation:
     spacing: float = 0.0  #: Distance of the samples.
 
     def orient_directions(self, points: Floats, directions: Floats) -> Floats:
-        """Return ``directions`` (n, d) at ``points`` (n, d), with the signs of the nearest samples, if there are any.
+        """Return ``directions`` (n, d) at ``points`` (n, d) with the signs of the nearest samples, if there are any.
 
-        Of up to six nearest, the sample whose direction, moved along the chord, is most nearly parallel decides.
+        The directions of the six (or all) nearest samples are transported along the chords to the point; the one that
+        is most nearly parallel decides the sign.
         """
         if self.points is None or self.directions is None or not len(points):
             return directions

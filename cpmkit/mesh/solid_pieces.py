@@ -173,10 +173,10 @@ class SolidPatches:
         own = np.bincount(row, pieces.areas[:, 0] * height, len(self.table.cells))
         return np.asarray(self.face_shares[0][:, 0] + own)
 
-    def wrongly_divided(self) -> Bools:
-        """Return for each cut cell (c,) whether the volumes of its parts do not sum to that of the solid in it.
+    def has_wrong_volume(self) -> Bools:
+        """Return for each cut cell (c,) whether the volumes of its parts, if several, do not add up to the solid's.
 
-        This happens where the skin crosses a face of the cell many times, at heights near rounding.
+        This happens where the skin lies within rounding of a face of the cell and crosses the face many times.
         """
         counts, row = np.diff(self.patch_starts), self.components.row
         several = np.flatnonzero(counts[row] > 1)
@@ -208,9 +208,9 @@ class SolidPatches:
 
     def touching(self) -> Ints:
         """Return the pairs (t, 2) of patches that share a part of a face of their cells."""
-        return np.concatenate([*self._across_faces(), *self._along_skin()])
+        return np.concatenate([*self._pairs_across_faces(), *self._pairs_along_skin()])
 
-    def _across_faces(self) -> Iterator[Ints]:
+    def _pairs_across_faces(self) -> Iterator[Ints]:
         """Yield pairs of patches of cells with a common face, where both have one part, or the solid has all of it."""
         (table, first), cut = self.all_cells, self.table.find(self.all_cells[0].cells)
         single = (cut < 0) | (np.diff(self.patch_starts)[cut] == 1)
@@ -228,8 +228,8 @@ class SolidPatches:
             found = (pair[0] >= 0) & (pair[1] >= 0)
             yield np.stack([side[found] for side in pair], axis=1)
 
-    def _along_skin(self) -> Iterator[Ints]:
-        """Yield pairs of patches that the same facet of the skin, or facets with a common facet, bound in two cells."""
+    def _pairs_along_skin(self) -> Iterator[Ints]:
+        """Yield pairs of patches in adjacent cells, bounded by one cell of the skin's mesh or two with one facet."""
         pieces, count = self.pieces, len(self.table.cells)
         own = np.stack([np.arange(len(pieces.cell)), pieces.facet], axis=1)
         for piece, facet in (entries[~pieces.in_face[entries[:, 0]]].T for entries in (own, pieces.bounds)):
@@ -254,7 +254,7 @@ def solid_patches(pieces: SkinPieces) -> SolidPatches:
     parts = group_components(components.starts, part, is_inner, side_starts, geometry)
     patch_starts = np.concatenate([[0], np.cumsum(parts)])
     first = SolidPatches(pieces, table, components, part, is_inner, side_starts, patch_starts, table.cells[:0])
-    wrong = first.wrongly_divided()
+    wrong = first.has_wrong_volume()
     if wrong.any():
         part[wrong[components.row]] = 0
         patch_starts = np.concatenate([[0], np.cumsum(np.where(wrong, 1, parts))])

@@ -101,7 +101,7 @@ def number(x: Any, label: str) -> float:
 
 
 def positive(x: Any, label: str) -> float:
-    """Return a finite number ``x`` above zero as a float; else, also for True, raise an InputError with ``label``."""
+    """Return a finite number ``x`` above zero as a float; raise InputError with ``label`` for all else, also True."""
     value = _as_float(x)
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"{label} must be a finite number above zero, got {shown(x)}.")

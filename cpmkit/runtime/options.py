@@ -79,10 +79,10 @@ def either_option(first: Option, second: Option) -> Option:
 def split_options(
     kind: type[OptionsClass], keywords: Mapping[str, Any], **further: Any
 ) -> tuple[OptionsClass, dict[str, Any]]:
-    """Return an instance of ``kind`` made of its options among ``keywords``, and the other keywords.
+    """Return an instance of ``kind`` made of the ``keywords`` that are options of ``kind``, and the other keywords.
 
-    ``further`` are fields of the instance; a keyword with the name of one is among the other keywords. Raises
-    InputError if an option is not accepted.
+    ``further`` are fields of the instance too; a keyword with the name of one is not used, and is among the other
+    keywords. Raises InputError if the value of an option is not accepted.
     """
     selected = {name: keywords[name] for name in declared_options(kind) if name in keywords and name not in further}
     return kind(**selected, **further), {name: value for name, value in keywords.items() if name not in selected}

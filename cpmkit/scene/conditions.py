@@ -213,11 +213,11 @@ def same_condition(first: Any, second: Any) -> bool:
     )
 
 
-def sides_differ(left: Condition, right: Condition) -> bool:
+def depends_on_sides(left: Condition, right: Condition) -> bool:
     """Return True if the solution may depend on which side of a boundary is called left.
 
-    ``left`` and ``right`` are the conditions on the sides. It does not if they are the same condition, or a coupling
-    that an exchange of the sides does not change: equal conductivities, and no jump.
+    ``left`` and ``right`` are the conditions on the sides. The solution does not depend on the choice if they are the
+    same condition, or one coupling with equal conductivities and no jump.
     """
     law = left.law
     if isinstance(law, Interface):

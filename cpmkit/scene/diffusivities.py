@@ -146,10 +146,11 @@ class StateDiffusivity:
         return self._values(self.function, u, np.linalg.norm(slopes, axis=1), points)
 
     def flux_derivative_by_gradient(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
-        """Return the derivative (k, d, d) of a grad u with respect to grad u, a I + s da/ds e e' with e along grad u.
+        """Return the derivative (k, d, d) of a grad u with respect to grad u: the tensors a I + s da/ds e e^T.
 
-        Here s is the norm of grad u. The eigenvalue a + s da/ds along e is raised to a / 1000 where it is smaller, so
-        that the tensor stays positive. Arguments as for :meth:`evaluate`.
+        Here s is the norm of grad u, and e = grad u / s, zero where s is zero. The eigenvalue a + s da/ds along e is
+        raised to a / 1000 where it is smaller, so that the tensor stays positive. The arguments are those of
+        :meth:`evaluate`.
         """
         s = np.linalg.norm(slopes, axis=1)
         a = self._values(self.function, u, s, points)

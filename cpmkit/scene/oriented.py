@@ -14,7 +14,7 @@ from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.manifold.tangent_space import left_conormals, outward_conormals, unit_normals, unit_tangents
 from cpmkit.manifold.vector_algebra import dots, unit
 from cpmkit.scene.boundary import Boundary
-from cpmkit.scene.conditions import same_condition, sides_differ
+from cpmkit.scene.conditions import depends_on_sides, same_condition
 from cpmkit.scene.left import MIN_CHORD_COSINE, Left, SampledBoundary, samplings
 from cpmkit.types import Bools, Floats, Ints
 
@@ -233,7 +233,7 @@ def _check_sides(oriented: OrientedBoundary) -> None:
             f"boundary {boundary.name!r} has no left side: the direction to it comes back reversed along the boundary; "
             "give one condition for both sides."
         )
-    if not sides_differ(on_left, on_right):
+    if not depends_on_sides(on_left, on_right):
         return
     if oriented.left.contradicts_left_of:
         raise SceneError(

@@ -254,9 +254,10 @@ class Divergence(Functional):
     __rmul__ = __mul__
 
     def values(self, form: Any) -> Floats:
-        """Return -scale times the integral of X . grad phi_i for the n test functions of the Galerkin ``form``.
+        """Return the load of scale div(X): -scale times the integral of X . grad phi_i for each test function phi_i.
 
-        It is (n, channels), equal in all channels. Raises InputError if X does not return finite vectors (points, d).
+        The load (n, channels) for the n test functions of the Galerkin ``form`` is equal in all channels. Raises
+        InputError if X, the function ``of``, does not return one finite vector for each point.
         """
         points = form.points
         is_field = getattr(self.of, "points", None) is points  # any other function may write to its argument

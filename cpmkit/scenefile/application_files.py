@@ -140,9 +140,9 @@ def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[
 def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
     """Return the colours on a side of a curve, as ``diffusion_curves`` takes them; None for zero flux.
 
-    A formula becomes a function of points (n, dim); a name of a .npy or .csv file, searched first in ``folder``, its
-    path; other values are unchanged. Raises SceneError, with ``label``, for any other table, InputError if a file is
-    missing.
+    A formula becomes a function of points (n, dim). The name of a .npy or .csv file becomes the path at which
+    :func:`find_file` finds the file, first in ``folder``. Other values are unchanged. Raises SceneError, with
+    ``label``, for any other table, InputError if a file is missing.
     """
     if isinstance(value, dict):
         if value == {"neumann": 0}:

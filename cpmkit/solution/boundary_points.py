@@ -125,22 +125,24 @@ class BoundaryPoints:
 
 
 def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryPoints:
-    """Return quadrature points along a boundary of ``surface``, at most ``spacing`` apart, with their directions.
+    """Return quadrature points along a boundary of ``surface``, at most ``spacing`` apart, with tangents and conormals.
+
+    Conormals point to the left of the boundary. A boundary off the manifold is moved to the closest points on it.
 
     Parameters
     ----------
     source : ClosestPointSource
-        The boundary: points, or curves of a surface.
+        The boundary: curves in a surface, or points on a curve or surface.
     surface : ClosestPointSource
-        The manifold, of one dimension more; points may also lie on a surface.
+        The manifold: a curve or surface.
     spacing : float
         Largest distance of neighbouring points of a curve, in the scene's unit.
 
     Raises
     ------
     InputError, SceneError
-        If the spacing is not positive, or the boundary is neither points nor curves or of a dimension that does not fit
-        the manifold. A boundary off the manifold is moved to the closest points.
+        If the spacing is not positive, the boundary is neither points nor curves, or its dimension does not fit the
+        manifold.
 
     Examples
     --------

@@ -116,10 +116,10 @@ def plane_normals(points: Floats) -> Floats:
 
 
 def evaluate_on_sides(solution: SolutionRecord, points: Floats, sides: Ints) -> Floats:
-    """Return the solution (n, channels) at ``points`` (n, d), on boundaries from the side that ``sides`` gives.
+    """Return the solution (n, channels) at ``points`` (n, d), where points on boundaries are read from given ``sides``.
 
-    ``sides`` (n, boundaries) is 1 for the left and -1 for the right side of a boundary, on which the point is projected
-    first, and 0 off the boundary; without columns points are read from the left.
+    ``sides`` (n, boundaries) is 1 for a point on the left side of a boundary, -1 on the right side, 0 off the boundary;
+    a point is first projected onto the boundaries whose sides it is on. Without any side a point is read from the left.
     """
     values = np.empty((len(points), solution.channels))
     boundaries = solution.scene.boundaries

@@ -39,7 +39,7 @@ Integrand = float | Callable[[Floats, Floats], Any]
 
 
 def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | None) -> float | Floats:
-    """Return the integral of a solution, or of ``function`` of it, as :meth:`SolutionRecord.integrate` does."""
+    """Return the integral of a solution, or of ``function`` of it; arguments are as for `SolutionRecord.integrate`."""
     dimension, form = _integrated_dimension(solution.scene.surface, dim), solution.discretized
     if form.point_weights is not None:  # the form's own quadrature, each point on its side
         read = form.at_points(solution.values)

@@ -145,7 +145,7 @@ class SolutionRecord:
         return self.evaluate(points, side)
 
     def _values_at(self, points: Any, side: ReadSides) -> Floats:
-        """Return the solution (n,) or (n, channels) at points (n, d); for "both" with a second axis (2), left first."""
+        """Return the solution at points (n, d), (n,) or (n, channels); for "both" (n, 2) or (n, 2, channels)."""
         if side == "both":
             return np.stack([self._values_at(points, one) for one in SIDES], axis=1)
         values = self.discretized.evaluate(self.values, points, side)
@@ -225,9 +225,9 @@ class SolutionRecord:
     def flux(self, boundary: str | int, side: Side | None = None) -> float | Floats:
         """Return the flux out of a side of a boundary: the integral of du/db over the boundary.
 
-        b is the conormal out of that side: across the boundary to the right out of the left side and to the left
-        out of the right side, outwards at an edge. By the divergence theorem the fluxes out of a piece of the
-        manifold add up to the integral of Lap u over it.
+        b is the unit conormal out of that side: it points across the boundary to the right for the left side, to the
+        left for the right side, and outwards at an edge. By the divergence theorem the fluxes out of a piece of the
+        manifold add up to the integral of Lap u over the piece.
 
         Parameters
         ----------
@@ -239,13 +239,13 @@ class SolutionRecord:
         Returns
         -------
         float, or (channels,) float64 where there are several
-            Of a boundary of points, the sum of du/db there.
+            If the boundary consists of points, the integral is the sum of du/db at them.
 
         Raises
         ------
         InputError
             If there is no such boundary or edge, ``side`` is missing or given for an edge, or the boundary has no sides
-            (a point on a surface); for an edge if the surface is a solid in space or has no mesh to follow.
+            (a point on a surface); for an edge also if the manifold is a solid in space, or has no mesh to follow.
 
         Examples
         --------

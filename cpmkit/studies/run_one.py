@@ -141,7 +141,7 @@ def _measured_entries(solution: Solution, truth: reference_values.Reference, run
 
 
 def memory_entries(solution: Solution, measured: int | None) -> records.Record:
-    """Return the entries ``bytes``, ``measured`` or else predicted, and ``bytes_are``; None if neither is known."""
+    """Return the entries ``bytes``, ``measured`` or else predicted, and ``bytes_are``; both None if unknown."""
     if measured is not None:
         return {"bytes": measured, "bytes_are": "measured"}
     options, scene = lattice_options(solution.discretized), solution.scene

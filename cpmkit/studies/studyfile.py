@@ -19,7 +19,14 @@ from cpmkit.files.plain_values import read_toml
 from cpmkit.files.whole_files import find_file
 from cpmkit.forms.choice import every_option
 from cpmkit.formulas.expressions import Expression
-from cpmkit.formulas.steps import CONSTANTS, COORDINATES, FUNCTIONS, MAX_FORMULA_CHARACTERS, formula_tree, parse_text
+from cpmkit.formulas.steps import (
+    CONSTANTS,
+    COORDINATES,
+    FUNCTIONS,
+    MAX_FORMULA_CHARACTERS,
+    formula_tree,
+    parse_expression,
+)
 from cpmkit.plugins import call_factory, check_accepted
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
@@ -52,7 +59,7 @@ def expand_names(table: Any) -> dict[str, str]:
         text = str(formula) if type(formula) in (int, float, str) else None
         if text is None:
             raise SceneError(f"{name} of [let] must be a formula or a number, got {shown(formula)}.")
-        parse_text(text, f"{name} of [let]")
+        parse_expression(text, f"{name} of [let]")
         known[name] = expand_formula(text, known)
         formula_tree(known[name], (*COORDINATES, "t", "u", "v"), f"{name} of [let]")
     return known
@@ -64,7 +71,7 @@ def expand_formula(formula: str, known: Mapping[str, str]) -> str:
     Raises SceneError if the result is too long: each further name of [let] may double the length.
     """
     try:
-        tree = parse_text(formula)
+        tree = parse_expression(formula)
     except SceneError:  # refused where the formula is read, with the key's name; or it is no formula
         return formula
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id in known]

@@ -126,7 +126,7 @@ class Sweep:
             raise SceneError(str(error)) from error
 
     def _check_resolutions(self) -> None:
-        """Raise SceneError if there are no spacings or targets, or other entries do not go with the given ones."""
+        """Raise SceneError without spacings and targets, or if methods, cheap or step_per_spacing do not fit them."""
         if not self._resolutions():
             raise SceneError(f"[sweep] needs a list of {', '.join(FINENESS[:-1])} or {FINENESS[-1]}.")
         if self.spacings is None:

@@ -143,7 +143,7 @@ def symmetric_points(subject: Subject) -> Floats:
 
 
 def _scattered_queries(subject: Subject) -> st.SearchStrategy[Floats]:
-    """Return a strategy for batches (n, d): points that hypothesis chooses, up to 1e6 sizes off, and random ones."""
+    """Return a strategy for batches (n, d): points chosen by hypothesis up to 1e6 sizes away, random and known ones."""
     dim, known = subject.source.dim, subject.known_points
     near = st.floats(-2.0, 2.0)
     lattice = st.integers(-4, 4).map(lambda i: 0.25 * i)

@@ -93,7 +93,8 @@ def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
     mesh = solution.display_mesh()
     bar: Bar | None
     if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
-        bar, columns, plain = mode_bar(mesh.values, look), min(3, solution.channels), replace(look, vectors=False)
+        bar, columns = mode_colour_bar(mesh.values, look), min(3, solution.channels)
+        plain = replace(look, vectors=False)
         drawing = make_drawing(solution, mesh, look, bar, columns)
         tiles = [render_values(drawing, mesh, mesh.values[:, k : k + 1], bar, plain) for k in range(solution.channels)]
         image = picture_sheet(tiles, solution.titles, columns)
@@ -117,8 +118,8 @@ def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: B
     return replace(drawn, ink=Shapes.join(ink))
 
 
-def mode_bar(values: Floats, look: Look) -> Bar:
-    """Return the bar of modes (v, k): symmetric about zero without ``clim``, ``coolwarm`` in place of viridis."""
+def mode_colour_bar(values: Floats, look: Look) -> Bar:
+    """Return the colour bar of modes (v, k): by default symmetric about zero, and ``coolwarm`` in place of viridis."""
     most = float(np.abs(values).max())
     cmap = "coolwarm" if look.cmap == Look.cmap else look.cmap
     return make_bar(values, look.clim or (-most, most), cmap, look.label, look.unit)
@@ -141,7 +142,7 @@ def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tup
     elif look.channel is not None or count != 3:
         values = values[:, [look.channel or 0]]
         if isinstance(solution, EigenRecord):
-            return values, mode_bar(values, look)
+            return values, mode_colour_bar(values, look)
     else:
         return np.clip(values, 0, 1), None
     return values, make_bar(values, look.clim, look.cmap, label, look.unit)

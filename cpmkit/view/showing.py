@@ -27,7 +27,7 @@ from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 from cpmkit.view.colours import Bar
 from cpmkit.view.drawing import fit_camera
-from cpmkit.view.pictures import check_look, mode_bar, picture, render, shown_values
+from cpmkit.view.pictures import check_look, mode_colour_bar, picture, render, shown_values
 
 
 def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
@@ -88,7 +88,7 @@ def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, l
     """Return the mesh, pairs (name, values (v,) or (v, 1), or colours (v, 3)), and the bar, None with colours."""
     if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
         mesh = solution.display_mesh()
-        return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), mode_bar(mesh.values, look)
+        return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), mode_colour_bar(mesh.values, look)
     look = replace(look, vectors=False, isolines=Look.isolines)
     if isinstance(solution, EvolvedRecord) and solution.frames and look.field != "error":
         meshes = solution.frame_meshes()

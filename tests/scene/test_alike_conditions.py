@@ -5,7 +5,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.plugin import Expression
-from cpmkit.scene.conditions import sides_differ
+from cpmkit.scene.conditions import depends_on_sides
 
 
 def one(x):
@@ -35,14 +35,14 @@ UNLIKE = [
 
 @pytest.mark.parametrize(("first", "second"), ALIKE)
 def test_what_says_the_same_is_one_condition_for_both_sides(first, second):
-    assert not sides_differ(first, second)
+    assert not depends_on_sides(first, second)
     given = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=first, right=second)
     assert given.condition("left") is given.condition("right")
 
 
 @pytest.mark.parametrize(("first", "second"), UNLIKE)
 def test_what_says_something_else_is_not(first, second):
-    assert sides_differ(first, second)
+    assert depends_on_sides(first, second)
     given = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=first, right=second)
     assert given.condition("right") is second
 
@@ -55,4 +55,4 @@ def test_a_contact_has_a_left_unless_it_is_the_same_from_both_sides():
         (ck.Transmission(jump=1.0), True),
         (ck.Transmission(jump=one), True),
     ):
-        assert sides_differ(contact, contact) == differs
+        assert depends_on_sides(contact, contact) == differs

@@ -92,12 +92,13 @@ class InverseIteration:
         self.context.progress("solve", 1.0 - 1.0 / (1.0 + 0.05 * self.solves))
 
 
-def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffness) -> InverseIteration:
-    """Return inverse iteration for a problem, with a shift just below ``problem.near``, where eigenvalues are sought.
+def prepare_inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffness) -> InverseIteration:
+    """Return prepared inverse iteration for A u = lambda B u, with a shift just below ``problem.near``.
 
-    If that is None the shift is below the least c (0 for Steklov conditions), and for symmetric operators without
-    multigrid below the spectrum. ``stiffness`` is A. Raises SceneError if no number below the spectrum is found, or a
-    Steklov problem has a piece with Neumann conditions alone; and as :meth:`SolveContext.prepare` does.
+    ``stiffness`` is A. Without ``near`` the shift is below the least c (0 for Steklov conditions), and also below the
+    spectrum if A is symmetric and the form's iterative solver is not multigrid. Raises SceneError if no number below
+    the spectrum is found, or a Steklov problem has a piece with Neumann conditions alone, and as
+    :meth:`SolveContext.prepare` does.
     """
     form = context.discretized
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)

@@ -17,9 +17,9 @@ from cpmkit.families.eigen.inverse_iteration import (
     InverseIteration,
     arpack_pairs,
     dense_pairs,
-    inverse_iteration,
     mass_unknowns,
     pairs_of_small_mass,
+    prepare_inverse_iteration,
 )
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.residuals import MAX_ROUNDING_SHARE, ROUNDING_FACTOR, SolveReport, rounding_bound
@@ -40,7 +40,7 @@ def solve_eigen(context: SolveContext) -> EigenRecord:
     problem, form = cast("Eigen", context.scene.problem), context.discretized
     form.check(context.solver_name)
     stiffness = form.stiffness(problem.terms())
-    iteration = inverse_iteration(context, problem, stiffness)
+    iteration = prepare_inverse_iteration(context, problem, stiffness)
     built = time.perf_counter()
     pairs = _compute_pairs(problem, iteration)
     if iteration.mass is form.mass:  # Steklov eigenvalues may be of either sign

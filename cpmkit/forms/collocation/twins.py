@@ -179,7 +179,11 @@ def _twins_by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
 
 
 def _band_with_twins(source: LocalSource, band: Band, sites: Sites, mixed: Ints) -> Band:
-    """Return the band with the twins: unknown twins after the inner nodes, others last; ``mixed`` are sites (k,)."""
+    """Return ``band`` with twins, copies of its nodes for further sheets: the ``sites`` after those of the nodes.
+
+    Twins that interpolation stencils read follow the inner nodes, other twins are last. ``mixed`` (k,) are the sites
+    whose stencils still read another sheet.
+    """
     count = len(band.nodes)
     later = np.arange(count, len(sites))
     order = np.concatenate(

@@ -104,7 +104,7 @@ class SampleCoefficients(PointReader):
         return self.append_boundary_samples(check_tensor(a, normals, self.points))
 
     def function_at_points(self, data: Any, evaluate: Callable[[Floats], Floats]) -> Floats:
-        """Return a positive coefficient (p, ...) at the samples, with ``evaluate`` for ``data`` at points."""
+        """Return the coefficient ``data`` (p, ...) at the samples, by ``evaluate``, a function of points (p, d)."""
         return evaluate(self._reading_points(data))
 
     def penalty_scale(self, data: Any) -> Floats | None:

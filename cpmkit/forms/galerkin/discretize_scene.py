@@ -98,11 +98,12 @@ def discretize_solid(scene: Scene, options: Options[GalerkinOptions], progress: 
 def refine_adaptively(
     scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, progress: Progress
 ) -> Galerkin:
-    """Return the discretisation of a scene on splines that are finer where its solution needs them.
+    """Return the discretisation of a scene on splines that are finer where the scene's solution needs them.
 
-    The scene is solved, patches with large residuals are marked, and those are subdivided, up to `MOST_PASSES` times.
-    This ends earlier if refinement is expected to save too few unknowns after the first solve, if most of the marked
-    residual is on the finest level, or if too many patches are marked. ``progress`` receives the share that is done.
+    ``inserted`` is the manifold's mesh with the boundaries. At most `MOST_PASSES` times the scene is solved, and the
+    patches with large residuals are marked and subdivided. This ends earlier if the first solve shows that refinement
+    would save too few unknowns, if most of the marked residual is on the finest level, or if too many patches are
+    marked. ``progress`` receives the share that is done.
     """
     regions, most = Regions(options.spacing, scene.surface.dim), options.own.refine_levels
     progress("refinement", 0.0)

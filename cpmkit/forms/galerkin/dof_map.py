@@ -98,7 +98,7 @@ def build_dof_map(
     cell = np.arange(len(points)) if cell is None else cell
     patch, roots, touching = build_patches(cell_codes(points, spacing), contacts, cell)
     cells = np.floor(points[roots] / spacing + 0.5).astype(np.int64)
-    pairs = unequal_pairs(patch[tied], len(roots))
+    pairs = distinct_pairs(patch[tied], len(roots))
     joined, is_curve = np.concatenate([touching, pairs]), np.shape(contacts)[1] == 2
     isolated = isolated_patches(points, patch, joined, len(roots), spacing, is_curve)
     return dof_map_from_patches(spacing, cells, touching, patch, isolated, degree, pairs)
@@ -118,8 +118,8 @@ def isolated_patches(
     return np.asarray((size < ISOLATED_SPACINGS * spacing)[piece])
 
 
-def unequal_pairs(pairs: Any, count: int) -> Any:
-    """Return the distinct ``pairs`` (t, 2) of different numbers below ``count``, ascending, smaller first, int32."""
+def distinct_pairs(pairs: Any, count: int) -> Any:
+    """Return the distinct pairs of unequal numbers in ``pairs`` (t, 2), sorted, smaller first; all below ``count``."""
     low, high = np.sort(pairs, axis=1).astype(np.int64).T
     codes = np.unique(low[low < high] * count + high[low < high])
     return np.stack([codes // count, codes % count], axis=1).astype(np.int32)

@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, con
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, conditions_with_law, rim_loops
 from cpmkit.forms.galerkin.space.energy import scalar_coefficient
 from cpmkit.linear.multigrid.solver import Level
-from cpmkit.linear.operators import Border, CsrOperator, Operator, Stiffness, with_diagonal
+from cpmkit.linear.operators import Border, CsrOperator, Operator, Stiffness, plus_diagonal
 from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
@@ -144,7 +144,7 @@ class EquationAssembly:
         scale = coefficients.penalty_scale(terms.diffusivity)
         matrix = space.stiffness(a, None if terms.lumped else c, scale)
         if terms.lumped and c is not None:
-            matrix = with_diagonal(matrix, space.spline_loads(c[:, None])[:, 0])
+            matrix = plus_diagonal(matrix, space.spline_loads(c[:, None])[:, 0])
         advection = self._advection_of(terms)
         if advection is not None:
             matrix = advection.matrix_with_advection(matrix, space.stabilisation)

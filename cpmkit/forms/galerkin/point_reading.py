@@ -91,9 +91,10 @@ class PointReader:
         return feet, patch, self.sampled.samples.cell_at(nearest)
 
     def closest_points(self, points: Any) -> ClosestPoints:
-        """Return the closest points on the manifold of ``points`` (k, d), given in the scene's coordinates.
+        """Return the closest points on the manifold to ``points`` (k, d), which are given in the scene's coordinates.
 
-        They are relative to the lattice's origin. Raises InputError if one is not finite or over three spacings away.
+        The closest points are relative to the lattice's origin. Raises InputError if ``points`` have another shape, or
+        one is not finite or is more than three spacings from the manifold.
         """
         at = as_points(points, self.sampled.lattice.dim)
         feet = self.sampled.surface.closest_point(self.sampled.lattice.to_local(at))

@@ -26,7 +26,7 @@ from cpmkit.linear.operators import (
     Operator,
     as_bordered,
     has_symmetric_pattern,
-    with_diagonal,
+    plus_diagonal,
     without_border,
 )
 from cpmkit.linear.preconditioned import PreconditionedCG, PreconditionedGMRES
@@ -122,7 +122,7 @@ def build_cycle(
     labels, first = np.unique(piece, return_index=True)
     added = np.zeros(len(piece))  # one unknown of each free piece, which fixes its constant
     added[first[labels >= 0]] = pinned.diagonal().max() or 1.0
-    coarsest = factorize_symmetric(with_diagonal(pinned, added), "on the coarsest level", positive=not waves)
+    coarsest = factorize_symmetric(plus_diagonal(pinned, added), "on the coarsest level", positive=not waves)
     prolongations = [UnsignedCsr.from_matrix(level.prolongation, kind) for level in levels]
     return Cycle(smoothers, prolongations, coarsest, kind is np.float32)
 

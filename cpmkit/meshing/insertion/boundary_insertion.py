@@ -89,7 +89,7 @@ def insert_boundaries(
         beyond_tip=np.array([edge.beyond_tip for edge in edges], dtype=bool),
     )
     empty = tuple(number for number in range(len(boundaries)) if number not in points and number not in cut.owner)
-    return Insertion(cut, points, empty, _coincident_pairs(polylines), dict(counts), farthest)
+    return Insertion(cut, points, empty, _overlapping_boundaries(polylines), dict(counts), farthest)
 
 
 def _polylines(
@@ -126,8 +126,8 @@ def _simplified_curves(
                 yield simplify_curve(search, Polyline(in_three_dimensions(line.points), line.closed), curve, number)
 
 
-def _coincident_pairs(polylines: Sequence[Sequence[InsertionPolyline]]) -> frozenset[tuple[int, int]]:
-    """Return pairs of a boundary and an earlier boundary on which two consecutive points of the former lie."""
+def _overlapping_boundaries(polylines: Sequence[Sequence[InsertionPolyline]]) -> frozenset[tuple[int, int]]:
+    """Return pairs (later, earlier) of boundaries: two consecutive points of the later one lie on the earlier one."""
     pairs = set()
     for number, lines in enumerate(polylines):
         for line in lines:

@@ -77,7 +77,7 @@ class ConstrainedTriangulation:
         return parts[0] if len(parts) == 1 else max(parts, key=lambda part: self._depth_inside(part, place))
 
     def _depth_inside(self, cell: int, place: Vector) -> float:
-        """Return the least distance of ``place``, in a triangle's plane, from its edges, negative outside it."""
+        """Return the least signed distance of ``place`` from the lines of the edges of ``cell``, positive inside."""
         net = self.triangulation
         normal, depths = net.normal(cell), []
         for a, b in _edges_of_triangle(net.corners(cell)):

@@ -64,7 +64,7 @@ def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
 
 
 def _rotate_with_chords(vectors: Floats, start: Floats, end: Floats) -> Floats:
-    """Return ``vectors`` (n, 3) rotated as unit chords ``start`` to ``end`` (n, 3), which are not opposite."""
+    """Return ``vectors`` (n, 3) after the smallest rotation of unit ``start`` to unit ``end`` (n, 3), not opposite."""
     axis, cosine = np.cross(start, end), dots(start, end)
     once = np.cross(axis, vectors)
     return np.asarray(vectors + once + np.cross(axis, once) / np.maximum(1 + cosine, 1e-9)[:, None])

@@ -231,10 +231,10 @@ def boundary_samples(
 
 
 def _vertex_samples(mesh: Mesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:
-    """Return samples at vertices of a surface, each in the first of the triangles that meet there.
+    """Return samples at boundaries that are points of a surface, each in the first triangle at its vertex.
 
-    ``points`` maps the number of a boundary to its vertices (k,); ``corners`` (m, 3) are the vertices of all cells
-    after cutting. The samples have weight 1, conormal zero, and -1 for half facet and facet.
+    ``points`` maps the number of a boundary to its vertices (k,); ``corners`` (m, 3) are the vertices of all triangles
+    after the mesh was cut along boundaries. Weights are 1, conormals zero, and ``half`` and ``facet`` -1.
     """
     owner = np.repeat(list(points), [len(vertices) for vertices in points.values()])
     vertex = np.concatenate(list(points.values()))

@@ -27,7 +27,7 @@ from cpmkit.forms.galerkin.conditions.nitsche import (
     linear_form_rows,
     one_sided_products,
     side_factors,
-    symmetric_sum,
+    sum_of_symmetrised_products,
     tie_products,
     tie_upwinding,
 )
@@ -109,7 +109,7 @@ class ConditionTerms:
             return None
         chosen = np.concatenate(rows)
         values = self.values[chosen]
-        return symmetric_sum([(values, values * (0.5 * self.samples.weights * self.a)[chosen, None])])
+        return sum_of_symmetrised_products([(values, values * (0.5 * self.samples.weights * self.a)[chosen, None])])
 
     @property
     def state_fluxes(self) -> list[StateFluxSamples]:
@@ -196,7 +196,7 @@ class ConditionTerms:
             coefficients = self.a[numbers], self.samples.weights[numbers], widths[some], penalty
             products, factors = one_sided_products(alpha[some], beta[some], *coefficients)
             forms = [(self._forms(x, numbers), self._forms(y, numbers)) for x, y in products]
-            matrices.append(symmetric_sum(forms))
+            matrices.append(sum_of_symmetrised_products(forms))
             loads.append(self._forms(factors, numbers).T.tocsr())
         return AddedTerms(sum(matrices[1:], matrices[0]), hstack(loads, format="csr"), self._data(conditions, "datum"))
 
@@ -208,7 +208,9 @@ class ConditionTerms:
         a, widths = [self.a[side] for side in rows], [self.widths[side] for side in rows]
         resistance = join_values(conditions, lambda each: each.law.resistance)
         products, factors = interface_products(a, widths, resistance, self.samples.weights[left])
-        matrix = symmetric_sum([(self._forms(x, left, right), self._forms(y, left, right)) for x, y in products])
+        matrix = sum_of_symmetrised_products(
+            [(self._forms(x, left, right), self._forms(y, left, right)) for x, y in products]
+        )
         load = vstack([self._forms(each, left, right) for each in factors]).T.tocsr()
         return AddedTerms(matrix, load, self._data(conditions, "jump") + self._data(conditions, "flux"))
 
@@ -222,7 +224,9 @@ class ConditionTerms:
             rows = np.stack(each.sides, axis=1)
             weights = self.samples.weights[each.rows]
             products = tie_products(self.a[rows], self.widths[rows], weights)
-            matrix += symmetric_sum([(self._forms(x, *each.sides), self._forms(y, *each.sides)) for x, y in products])
+            matrix += sum_of_symmetrised_products(
+                [(self._forms(x, *each.sides), self._forms(y, *each.sides)) for x, y in products]
+            )
             if self.outward_speed is not None:
                 for tested, value in tie_upwinding(self.outward_speed[rows], weights):
                     matrix += self._forms(tested, *each.sides).T.tocsr() @ self._forms(value, *each.sides)

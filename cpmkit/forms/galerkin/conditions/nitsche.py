@@ -175,7 +175,7 @@ def linear_form_rows(factors: Floats, rows: Ints, traces: csr_array) -> csr_arra
     return (chosen @ traces).tocsr()
 
 
-def symmetric_sum(products: Sequence[tuple[csr_array, csr_array]]) -> csr_array:
+def sum_of_symmetrised_products(products: Sequence[tuple[csr_array, csr_array]]) -> csr_array:
     """Return the sum of ``x^T y + y^T x`` over ``products`` (x, y) of matrices (k, n), symmetric to the last bit."""
     from scipy.sparse import vstack
 

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, vstack
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.galerkin.dof_map import DofMap, build_patches, dof_map_from_patches, unequal_pairs
+from cpmkit.forms.galerkin.dof_map import DofMap, build_patches, distinct_pairs, dof_map_from_patches
 from cpmkit.forms.galerkin.options import Stabilisation
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, shift_of
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
@@ -307,7 +307,7 @@ def build_refined_space(
     """
     dof_map, used = _build_refined_dof_map(samples, corners, levels, regions)
     magnified = Samples(dof_map.magnify(dof_map.patch, samples.points), samples.weights, samples.normals, samples.cell)
-    dof_map = replace(dof_map, tied=unequal_pairs(dof_map.patch[tied], len(dof_map.cells)))
+    dof_map = replace(dof_map, tied=distinct_pairs(dof_map.patch[tied], len(dof_map.cells)))
     splines = build_spline_space(dof_map, RefinedSamples.of(magnified, dof_map))
     return RefinedSpace(splines, interior, stabilisation, levels, used, regions)
 

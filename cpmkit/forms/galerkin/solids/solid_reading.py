@@ -139,7 +139,11 @@ class SolidCoefficients(SampleCoefficients):
         return self._reflected(evaluate, lambda foot, mirror: 2 * foot - mirror)
 
     def function_at_points(self, data: Any, evaluate: Callable[[Floats], Floats]) -> Floats:
-        """Return a positive coefficient (p, ...) at the samples, reflected outside, by ``evaluate`` at points."""
+        """Return the coefficient ``data`` (p, ...) at the samples, by ``evaluate``, a function of points (p, d).
+
+        Functions are extrapolated to the samples :attr:`outside` from the values f at the foot (closest point) and m at
+        the mirror image: numbers as f^2 / m, tensors as 2 f - m.
+        """
         if not callable(data) or isinstance(data, Field):
             return super().function_at_points(data, evaluate)
 
@@ -147,7 +151,7 @@ class SolidCoefficients(SampleCoefficients):
             if foot.ndim > 1:
                 return 2 * foot - mirror
             ratio = foot / np.where(mirror > 0, mirror, 1.0)
-            return foot * np.where(mirror > 0, ratio, 1.0)  # others are refused
+            return foot * np.where(mirror > 0, ratio, 1.0)  # without a ratio the value at the foot
 
         return self._reflected(evaluate, extend)
 

@@ -13,9 +13,9 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import imposed_conditio
 from cpmkit.forms.galerkin.dof_map import (
     DofMap,
     connected_pieces,
+    distinct_pairs,
     dof_map_from_patches,
     isolated_patches,
-    unequal_pairs,
 )
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
@@ -199,7 +199,7 @@ def _dof_map(
     patches: SolidPatches, boundary: BoundarySamples, patch: Ints, options: Options[GalerkinOptions]
 ) -> DofMap:
     """Return the dof map of the patches; ``patch`` (q,) is that of each sample."""
-    touching = unequal_pairs(patches.touching(), len(patches.cells))
+    touching = distinct_pairs(patches.touching(), len(patches.cells))
     isolated = isolated_patches(boundary.points, boundary.cell, touching, len(patches.cells), options.spacing)
     return dof_map_from_patches(
         options.spacing, patches.cells, touching, np.ascontiguousarray(patch), isolated, options.own.degree

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.dof_map import DofMap, dof_map_from_patches, piece_extents, unequal_pairs
+from cpmkit.forms.galerkin.dof_map import DofMap, distinct_pairs, dof_map_from_patches, piece_extents
 from cpmkit.linear.multigrid.solver import Level
 from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.index_sets import connected_components
@@ -112,7 +112,7 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, SparseMatrix]:
     count, label = connected_components(len(dof_map.cells), dof_map.touching[inside])
     cells = np.empty((count, dof_map.dim), dtype=np.int64)
     cells[label] = dof_map.cells >> 1
-    touching = unequal_pairs(label[dof_map.touching[~inside]], count)
+    touching = distinct_pairs(label[dof_map.touching[~inside]], count)
     pieces, piece = connected_components(count, touching)
     extents = piece_extents(cells.astype(np.float64), np.arange(count), piece, pieces)
     isolated = (extents.max(axis=1) < ISOLATED_CELLS)[piece]

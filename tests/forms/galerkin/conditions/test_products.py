@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array, random_array, vstack
 
-from cpmkit.forms.galerkin.conditions.nitsche import linear_form_rows, symmetric_sum
+from cpmkit.forms.galerkin.conditions.nitsche import linear_form_rows, sum_of_symmetrised_products
 
 UNKNOWNS, SAMPLES = 40, 12
 
@@ -37,7 +37,9 @@ def test_products_are_those_of_dense_rows(kind, sides):
 
     half = sum(dense(x).T @ dense(y) for x, y in products)
     traces = vstack([values, slopes], format="csr")
-    found = symmetric_sum([[linear_form_rows(factors, rows, traces) for factors in product] for product in products])
+    found = sum_of_symmetrised_products(
+        [[linear_form_rows(factors, rows, traces) for factors in product] for product in products]
+    )
     assert (found != found.T).nnz == 0
     np.testing.assert_allclose(found.toarray(), half + half.T, atol=1e-13)
 
@@ -45,4 +47,4 @@ def test_products_are_those_of_dense_rows(kind, sides):
 def test_products_of_no_samples_are_an_empty_matrix():
     traces = vstack(read("one pattern", np.random.default_rng(3)), format="csr")
     none = linear_form_rows(np.zeros((0, 2, 2)), np.zeros((0, 2), dtype=int), traces)
-    assert symmetric_sum([(none, none)]).nnz == 0
+    assert sum_of_symmetrised_products([(none, none)]).nnz == 0
