@@ -245,7 +245,7 @@ class SolutionRecord:
         ------
         InputError
             If there is no such boundary or edge, ``side`` is missing or given for an edge, or the boundary has no sides
-            (a point on a surface); for an edge also if the manifold is a solid in space, or has no mesh to follow.
+            (a point on a surface); for an edge of a solid in space in the form ``collocation``, or without a mesh.
 
         Examples
         --------

@@ -187,6 +187,17 @@ def test_a_solid_without_a_boundary_of_its_own_is_refused(disk, words):
         solve(disk(), ck.ScreenedPoisson(1.0), 0.1)
 
 
+def test_the_estimate_names_a_value_beside_a_flux():
+    """Where they meet on a smooth part of the edge, u behaves like a root; at a right angle it need not."""
+    slow = "a value and a flux are prescribed side by side"
+    for source, zone in ((DISK, "y < 0"), (BALL, "z < 0")):
+        mixed = [(ck.Neumann(1.0), zone), ck.Dirichlet(0.0)]
+        assert slow in solve(source, ck.Poisson(0.0), 0.2, mixed).error.slow
+    sides = {0: ck.Dirichlet(0.0), **{side: ck.Neumann(1.0) for side in range(1, 6)}}
+    for edge in (sides, ck.Dirichlet(0.0), ck.Robin(1.0, 1.0, 0.0)):
+        assert solve(CUBE, ck.ScreenedPoisson(1.0), 0.2, edge).error.slow == ""
+
+
 def form_and_reason(source, boundaries=(), **options):
     described = ck.discretize(ck.Scene(source, ck.ScreenedPoisson(1.0), boundaries), 0.2, **options).describe()
     return described["form"], described["form_reason"]
