@@ -60,7 +60,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Keep the collector of garbage from what is collected of tests, which is kept: it would go through it often."""
+    """Collect tests without the collector of garbage, which would go through all that was collected again and again."""
     gc.disable()
     try:
         return (yield)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import solid_problems
 from scipy.spatial.transform import Rotation
 
 import cpmkit as ck
@@ -38,29 +39,11 @@ class Known:
         return ck.Neumann(flux) if kind == "Neumann" else ck.Robin(1.0, 2.0, lambda x: flux(x) + 2 * self.u(x))
 
 
-def third(x: Any) -> Any:
-    """Return the third coordinates, or those of a plane."""
-    return x[:, 2] if x.shape[1] == 3 else np.full(len(x), 0.3)
-
-
-def smooth(x: Any) -> Any:
-    return x[:, 0] ** 2 * x[:, 1] + np.sin(x[:, 0]) * np.cos(third(x))
-
-
-def smooth_gradient(x: Any) -> Any:
-    wave = np.cos(x[:, 0]) * np.cos(third(x)), -np.sin(x[:, 0]) * np.sin(third(x))
-    return np.stack([2 * x[:, 0] * x[:, 1] + wave[0], x[:, 0] ** 2, wave[1]], axis=1)[:, : x.shape[1]]
-
-
-def smooth_load(x: Any) -> Any:
-    return (x.shape[1] - 1) * np.sin(x[:, 0]) * np.cos(third(x)) - 2 * x[:, 1] + smooth(x)
-
-
 def linear(x: Any) -> Any:
     return 0.3 + x @ SLOPE[: x.shape[1]]
 
 
-SMOOTH = Known(smooth, smooth_gradient, smooth_load)
+SMOOTH = Known(solid_problems.u, solid_problems.gradient, solid_problems.f)
 LINEAR = Known(linear, lambda x: np.tile(SLOPE[: x.shape[1]], (len(x), 1)), linear)
 
 

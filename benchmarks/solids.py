@@ -21,11 +21,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from solid_shapes import BALL, CONDITIONS, CUBE, DISK, ELL, LINEAR, SMOOTH, SQUARE, Known, Solid, balls, box
 
 sys.path[:0] = [str(Path(__file__).parents[1] / "tests")]
 
 from exact_eigenvalues import ball_eigenvalues, cube_eigenvalues  # noqa: E402
+from solid_shapes import (  # noqa: E402
+    BALL,
+    CONDITIONS,
+    CUBE,
+    DISK,
+    ELL,
+    LINEAR,
+    SMOOTH,
+    SQUARE,
+    Known,
+    Solid,
+    balls,
+    box,
+)
 
 import cpmkit as ck  # noqa: E402
 from cpmkit.errors import CpmkitError  # noqa: E402
@@ -90,8 +103,8 @@ def error_row(solid: Solid, kind: str, spacing: float, positions: int) -> list[s
     ours, other = ([solved(solid, SMOOTH, kind, spacing, form, k) for k in range(positions)] for form in FORMS)
     errors = [short(max(one.error for one in found)) for found in (ours, other)]
     ratios = [one.ratio for one in ours]
-    told = [str(max(one.iterations for one in ours)), f"{min(ratios):.2f} to {max(ratios):.2f}"]
-    return [solid.name, kind, f"{spacing:g}", *errors, *told]
+    work = [str(max(one.iterations for one in ours)), f"{min(ratios):.2f} to {max(ratios):.2f}"]
+    return [solid.name, kind, f"{spacing:g}", *errors, *work]
 
 
 def worst(measure: Callable[[str, int], float], form: str, positions: int) -> float:

@@ -5,7 +5,7 @@ Over the manifold they are a form's own quadrature, or that over the cells of a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import gamma, pi
 from typing import Any
 
@@ -28,7 +28,7 @@ from cpmkit.mesh.mixed_cells import (
     mesh_method,
     refine_mixed_cells,
 )
-from cpmkit.scene.boundary import Boundary, boundary_number
+from cpmkit.scene.boundary import boundary_number
 from cpmkit.scene.data import evaluate_data
 from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS, evaluate_on_sides, project_onto_boundaries
 from cpmkit.solution.record import SolutionRecord
@@ -210,8 +210,8 @@ def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, poi
             "flux_density is that of a boundary with two sides, got 'edge'; solution.flux('edge') is the flux through "
             "the edge, and solution.gradient(points) the gradient there."
         )
-    checked = _check_side(boundaries, boundary, side)
-    density = solution.discretized.conormal_derivative(solution.values, points, boundary, checked)
+    boundary_number(boundaries, boundary)  # a wrong name is refused before a missing side
+    density = solution.discretized.conormal_derivative(solution.values, points, boundary, _check_side(boundary, side))
     return density[:, 0] if solution.channels == 1 else density
 
 
@@ -230,21 +230,18 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
             feet, weights = rule or rim_rule(scene.surface, solution.spacing, loop)
             total = weights @ form.conormal_derivative(solution.values, feet.points)
     else:
-        name, checked = str(boundary), _check_side(scene.boundaries, str(boundary), side)
+        name = str(boundary)
+        number, checked = boundary_number(scene.boundaries, name), _check_side(name, side)
         total = form.flux(solution.values, name, checked, solution.data_time)
         if total is None:
-            source = scene.boundaries[names.index(name)].source
+            source = scene.boundaries[number].source
             points, weights = boundary_rule(source, scene.surface, solution.spacing)
             total = weights @ form.conormal_derivative(solution.values, points, name, checked)
     return float(total[0]) if solution.channels == 1 else np.asarray(total)
 
 
-def _check_side(boundaries: Sequence[Boundary], name: str, side: Side | None) -> Side:
-    """Return the side of the boundary ``name`` at which a flux is requested.
-
-    Raise InputError if there is no such boundary, or ``side`` is None.
-    """
-    boundary_number(boundaries, name)
+def _check_side(boundary: str, side: Side | None) -> Side:
+    """Return the side of a boundary at which a flux is requested; raise InputError if it is None."""
     if side is None:
-        raise InputError(f"side of {name!r} must be 'left' or 'right': a flux leaves one side, got None.")
+        raise InputError(f"side of {boundary!r} must be 'left' or 'right': a flux leaves one side, got None.")
     return side

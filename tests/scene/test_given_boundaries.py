@@ -65,8 +65,12 @@ def test_what_is_no_vertex_or_may_be_a_point_is_refused(surface, given, message)
 
 
 def test_what_is_neither_points_nor_vertices_is_refused():
+    message = (
+        r"or points \(k, d\), or numbers of the surface's vertices, or "
+        r"ck\.source\('mesh\.polyline', points=\.\.\.\) for the curve along points, got"
+    )
     for given in ("ring", None, [[1.0, 2.0], [3.0]], np.ones((2, 3, 3)), 0.5):
-        with pytest.raises(ck.CpmkitError, match=r"or points \(k, d\), or numbers of the surface's vertices, or"):
+        with pytest.raises(ck.CpmkitError, match=message):
             ck.Boundary("pins", given, both=ONE)
 
 

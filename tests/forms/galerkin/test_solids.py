@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from model_problems import order_of
 from scipy.spatial.transform import Rotation
+from solid_problems import f, gradient, u
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.solids.skin import cell_components
@@ -12,23 +13,6 @@ from cpmkit.mesh.mesh import Mesh
 RNG = np.random.default_rng(0)
 IN_BOX = {dim: RNG.uniform(-0.5, 0.5, (400, dim)) for dim in (2, 3)}
 SLOPE = np.array([1.0, -2.0, 0.7])
-
-
-def u(x):
-    z = x[:, 2] if x.shape[1] == 3 else 0.3
-    return x[:, 0] ** 2 * x[:, 1] + np.sin(x[:, 0]) * np.cos(z)
-
-
-def gradient(x):
-    z = x[:, 2] if x.shape[1] == 3 else 0.3
-    slopes = [2 * x[:, 0] * x[:, 1] + np.cos(x[:, 0]) * np.cos(z), x[:, 0] ** 2, -np.sin(x[:, 0]) * np.sin(z)]
-    return np.stack(slopes[: x.shape[1]], axis=1)
-
-
-def f(x):
-    """Minus the Laplacian of u, plus u."""
-    z = x[:, 2] if x.shape[1] == 3 else 0.3
-    return (x.shape[1] - 1) * np.sin(x[:, 0]) * np.cos(z) - 2 * x[:, 1] + u(x)
 
 
 class Box:

@@ -99,12 +99,15 @@ def _joined(parts: Sequence[Skin]) -> Skin:
     starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts[:-1]])
     vertices = np.concatenate([part.mesh.vertices for part in parts])
     cells = np.concatenate([part.mesh.cells + start for part, start in zip(parts, starts, strict=True)])
-    given = [part.mesh.midpoints for part in parts]
     midpoints = None
-    if any(each is not None for each in given):
-        straight = [_straight_midpoints(part.mesh) for part in parts]
-        midpoints = np.concatenate([s if each is None else each for each, s in zip(given, straight, strict=True)])
+    if any(part.mesh.midpoints is not None for part in parts):
+        midpoints = np.concatenate([_midpoints(part.mesh) for part in parts])
     return Skin(Mesh.of(vertices, cells, midpoints), geometry, sum((part.warnings for part in parts), ()))
+
+
+def _midpoints(mesh: Mesh) -> Floats:
+    """Return the midpoints (m, e, d) of the edges of each cell, of straight edges where the mesh has none."""
+    return _straight_midpoints(mesh) if mesh.midpoints is None else mesh.midpoints
 
 
 def _straight_midpoints(mesh: Mesh) -> Floats:
