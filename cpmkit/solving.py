@@ -200,8 +200,9 @@ def explain(
         model = cost_model(scene, target)
         with explain_memory_error(scene, target, solver):
             explained = model.explain(solver, shown) if dry_run or seconds else quick_estimate(model, solver)
-        warnings = (*mixed_joint_warnings(scene.surface, target.spacing), *explained.warnings)
-        explained = replace(explained, warnings=warnings)
+        if target.form == "collocation":
+            warnings = (*mixed_joint_warnings(scene.surface, target.spacing), *explained.warnings)
+            explained = replace(explained, warnings=warnings)
         return _add_seconds(explained, scene, target.spacing, shown, dict(options)) if seconds else explained
 
 

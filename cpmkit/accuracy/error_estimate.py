@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.solution.display_mesh import DisplayMesh, evaluate_on_sides
 from cpmkit.solution.modes import EigenRecord, compare_modes
 from cpmkit.solution.record import SolutionRecord
-from cpmkit.types import Floats
+from cpmkit.types import Floats, Ints
 
 #: Largest range of a constant solution, as a share of its size: rounding.
 ROUNDING_SHARE = 1e-12
@@ -125,15 +125,28 @@ class Difference:
     ratio: float  #: The coarser spacing over the finer one; 1 if they are equal.
 
 
-def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
-    """Return points (k, d) where a solution is compared, weights (k,) of sum 1, and its values (k, channels) there."""
+class ComparedPoints(NamedTuple):
+    """Points at which solutions are compared."""
+
+    points: Floats  #: (k, d): the points, in the scene's coordinates.
+    weights: Floats  #: (k,): their weights, of sum 1.
+    values: Floats  #: (k, channels): the values of the finer solution.
+    dims: Ints | None  #: (k,): the dimensions of the members on which the points are, in a union of several dimensions.
+
+
+def compared_points(solution: SolutionRecord) -> ComparedPoints:
+    """Return points where a solution is compared, with its values there."""
     form = solution.discretized
     rows, points = form.some_points(min(max(int(0.15 * form.size), 200), 3_000))
     if form.point_weights is None:
         weights, values = np.ones(len(rows)), solution.evaluate(points)
     else:
         weights, values = form.point_weights[rows], form.at_points(solution.values, rows)
-    return points, weights / weights.sum(), values.reshape(len(points), -1)
+    dims = None
+    if parts := form.traits.parts:
+        ends = [part.points.stop for part in parts]
+        dims = np.array([part.dim for part in parts])[np.searchsorted(ends, rows, side="right")]
+    return ComparedPoints(points, weights / weights.sum(), values.reshape(len(points), -1), dims)
 
 
 def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
@@ -141,17 +154,17 @@ def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
 
     ``coarse`` has a larger spacing, or the same spacing and longer steps or the flat triangles of the surface.
     """
-    points, weights, values = compared_points(fine)
+    points, weights, values, dims = compared_points(fine)
     ratio = coarse.spacing / fine.spacing
     if fine.has_modes:
         modes = cast("EigenRecord", fine)
-        differences, pointwise = compare_modes(modes, cast("EigenRecord", coarse), points)
+        differences, pointwise = compare_modes(modes, cast("EigenRecord", coarse), points, dims)
         size = np.abs(modes.eigenvalues)
         # the unit of the error of eigenvalues that count as zero is the first larger eigenvalue
         unit = np.maximum(size, size[size > 1e-6 * size.max()].min(initial=size.max()) or 1.0)
         at = points[int(pointwise.max(axis=1).argmax())]
         return Difference(np.stack([differences, differences]) / unit, unit, at, ratio)
-    pointwise = np.abs(values - coarse.evaluate(points).reshape(len(points), -1))
+    pointwise = np.abs(values - coarse.evaluate_by_dimension(points, dims))
     unit = _value_ranges(values)
     at = points[int((pointwise / unit).max(axis=1).argmax())]
     sizes = np.stack([np.sqrt(weights @ pointwise**2), pointwise.max(axis=0)])
@@ -160,7 +173,7 @@ def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
 
 def error_unit(solution: SolutionRecord) -> Floats:
     """Return the unit (channels,) of relative errors: a solution's range, its size if it is constant, 1 if zero."""
-    return _value_ranges(compared_points(solution)[2])
+    return _value_ranges(compared_points(solution).values)
 
 
 def _value_ranges(values: Floats) -> Floats:

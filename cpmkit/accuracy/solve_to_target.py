@@ -16,6 +16,7 @@ from cpmkit.accuracy.spacing_search import CUBIC_ERROR, Status, errors_stagnate,
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
 from cpmkit.families.context import Checkpointing
+from cpmkit.forms.choice import choose_form
 from cpmkit.forms.options import AccuracyTarget
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
@@ -212,7 +213,7 @@ def _check_target_options(scene: Scene, options: Mapping[str, Any]) -> None:
             f"{given[0]}={options[given[0]]!r} goes with one solve at one spacing, and a tolerance, seconds or memory "
             "may take several; give a spacing."
         )
-    joints = mixed_joint_warnings(scene.surface)
+    joints = mixed_joint_warnings(scene.surface) if choose_form(scene, options)[0] == "collocation" else []
     if joints:
         raise InputError(
             "A tolerance, seconds or memory goes by estimates of the error, of which there is none here; give a "

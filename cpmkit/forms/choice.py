@@ -12,7 +12,7 @@ from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.forms.collocation.options import CollocationOptions, refuse_removed
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.cost_model import CostModel
-from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
+from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions, reason_against
 from cpmkit.forms.options import AUTO, Options
 from cpmkit.grid.lattice import needed_spacing, other_solver_hint, round_up
 from cpmkit.manifold.abilities import has_finite_feet, members_of
@@ -76,8 +76,6 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     if named is not None:
         return named, "as given" if target != AUTO else f"the only one with {_deciding_option(given)}"
     surface, family, kind = scene.surface, scene.problem.family, scene.problem.kind
-    if surface.manifold_dim is None:
-        return "collocation", "the manifold has parts of several dimensions"
     if largest_dim(surface) == 0:
         return "collocation", "the manifold consists of points"
     if has_finite_feet(surface):
@@ -88,20 +86,16 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
         return "collocation", f"the form 'galerkin' does not yet solve {kind!r}"
     if any(condition.order is not None for condition in scene.conditions):
         return "collocation", "the only one with orders of conditions"
-    if largest_dim(surface) < surface.dim:
+    if surface.manifold_dim in range(1, surface.dim):
         return "galerkin", "the default for curves and surfaces"
-    return _form_of_solid(scene, given)
-
-
-def _form_of_solid(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the form and the reason as :func:`choose_form` does, for a scene on a solid that both forms may take."""
-    if scene.boundaries:
-        return "collocation", "the only one with boundaries inside a solid"
-    if given.get("degree", 2) != 2:
-        return "collocation", "the only one with this degree on a solid"
-    if len(members_of(scene.surface)) > 1:
+    reason = reason_against(scene, given)
+    if reason:
+        return "collocation", f"the form 'galerkin' takes {reason}"
+    if surface.manifold_dim is None:
+        return "galerkin", "the default for members of several dimensions"
+    if len(members_of(surface)) > 1:
         return "collocation", "the only one for solids that may overlap"
-    if not import_module("cpmkit.forms.galerkin.solids.skin").has_known_boundary(scene.surface):
+    if not import_module("cpmkit.forms.galerkin.solids.skin").has_known_boundary(surface):
         return "collocation", "the boundary of the solid is known by its closest points alone"
     return "galerkin", "the default for solids"
 

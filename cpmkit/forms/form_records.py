@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Protocol
 
@@ -95,6 +95,26 @@ class MeasuredWork(Protocol):
         """Return all measures by name, as numbers or tables of numbers."""
 
 
+class FormPart(Protocol):
+    """The members of one dimension in a union of several dimensions, which have a form of their own."""
+
+    @property
+    def dim(self) -> int:
+        """The dimension of the members."""
+
+    @property
+    def form(self) -> Any:
+        """The form of the scene on these members."""
+
+    @property
+    def unknowns(self) -> slice:
+        """Their unknowns among those of the union."""
+
+    @property
+    def points(self) -> slice:
+        """Their points among those of the union."""
+
+
 @dataclass(frozen=True)
 class FormTraits:
     """Properties of a form, for the equation of its scene, that solvers, families and saved files read."""
@@ -106,6 +126,7 @@ class FormTraits:
     work_record: type = PlainWork  #: The class of the record that ``work`` returns.
     #: A degree that reaches small errors sooner on the scene's manifold, where that is known.
     higher_degree: int | None = None
+    parts: Sequence[FormPart] = ()  #: Of a union of several dimensions the form of each; else empty.
     libraries: tuple[str, ...] = ("cpmkit", "numpy", "scipy")  #: Distributions whose versions a summary lists.
 
 

@@ -134,6 +134,9 @@ class HasMembers(Protocol):
     def members(self) -> Sequence[ClosestPointSource]:
         """The united sources, none of them a union."""
 
+    def with_members(self, numbers: Sequence[int], /) -> ClosestPointSource:
+        """Return the union of the members with these ``numbers``, in this order; of one number the member itself."""
+
 
 @runtime_checkable
 class HasSkin(Protocol):

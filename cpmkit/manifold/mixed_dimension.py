@@ -1,8 +1,12 @@
-"""Warnings about places where members of different dimension in a union meet, and the equation is not well defined."""
+"""Places where members of different dimension in a union meet, and warnings where no law holds there."""
 
 from __future__ import annotations
 
-from itertools import combinations, product
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations, product
+from typing import Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -11,7 +15,108 @@ from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
 from cpmkit.manifold.vector_algebra import norms
-from cpmkit.types import Floats
+from cpmkit.types import Bools, Floats
+
+#: Members touch where they are nearer than this share of the union's largest side: rounding, and errors of meshes.
+TOUCHING_SHARE = 1e-5
+#: A member lies on another if at least this share of its points touch it, and in part from the second share on.
+WHOLE_SHARE, PART_SHARE = 1.0, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """Two members of a union that meet, of different dimension."""
+
+    lower: int  #: The number of the member of lower dimension.
+    higher: int  #: The number of the other member.
+    #: "along": all of the lower member lies on the other, or on the boundary of a solid. "points": they meet at single
+    #: points. "in part": a part of the lower member lies on the other. "inside": it enters a solid.
+    how: Literal["along", "points", "in part", "inside"]
+    places: Floats  #: (k, d): points where they meet; for "points" all of them.
+
+
+#: The meetings of unions in use: to find them takes some thousand closest points.
+_MEETINGS: WeakKeyDictionary[ClosestPointSource, tuple[Meeting, ...]] = WeakKeyDictionary()
+
+
+def meetings_of(surface: ClosestPointSource) -> Sequence[Meeting]:
+    """Return where members of different dimension of a union meet, for each pair that does, whatever the spacing."""
+    if surface not in _MEETINGS:
+        found = [_meeting(surface, *pair) for pair in pairs_of_dimensions(members_of(surface))]
+        _MEETINGS[surface] = tuple(each for each in found if each is not None)
+    return _MEETINGS[surface]
+
+
+def _meeting(surface: ClosestPointSource, lower: int, higher: int) -> Meeting | None:
+    """Return how two members of a union meet, given by their numbers; None if they do not touch."""
+    members, touching = members_of(surface), touching_distance(surface)
+    of_lower, of_higher = members[lower], members[higher]
+    box = np.asarray(of_lower.bounds, dtype=np.float64)
+    axes = np.linspace(box[0], box[1], round(2000 ** (1 / of_lower.dim))).T
+    feet = of_lower.closest_point(np.array([*product(*axes)])).points
+    x = feet[_distinct(feet, np.zeros(len(feet)), 0.01 * float(np.ptp(box, axis=0).max()))]
+    on = is_near(of_higher, x, surface)
+    if largest_dim(of_higher) == of_higher.dim:
+        around = (x[:, None] + _steps(of_higher.dim, touching)).reshape(-1, of_higher.dim)
+        inside = is_near(of_higher, around, surface).reshape(len(x), -1).all(axis=1)
+        if inside.any():
+            return Meeting(lower, higher, "inside", x[inside])
+    if on.mean() >= WHOLE_SHARE:
+        return Meeting(lower, higher, "along", x)
+    if on.mean() > PART_SHARE and on.sum() > 2:
+        return Meeting(lower, higher, "in part", x[on])
+    gap, places = _approaches(of_lower, of_higher, touching, touching)
+    return Meeting(lower, higher, "points", _at_ends(of_lower, places, touching)) if len(places) and gap == 0 else None
+
+
+def loops_near(source: ClosestPointSource, places: Floats) -> list[int]:
+    """Return the numbers of the edge loops of ``source`` on which ``places`` (k, d) lie, to rounding."""
+    steps = _steps(source.dim, touching_distance(source))
+    loops = source.closest_point((places[:, None] + steps).reshape(-1, source.dim)).edge
+    return [int(loop) for loop in np.unique(loops[loops >= 0])]
+
+
+def is_near(source: ClosestPointSource, points: Floats, of: ClosestPointSource) -> Bools:
+    """Return (n,) whether ``points`` (n, d) touch a source, relative to the size of ``of``."""
+    return np.asarray(norms(source.closest_point(points).points - points) <= touching_distance(of))
+
+
+def touching_distance(source: ClosestPointSource) -> float:
+    """Return the distance up to which something touches a source: a share of its largest side."""
+    return TOUCHING_SHARE * float(np.ptp(np.asarray(source.bounds, dtype=np.float64), axis=0).max())
+
+
+def _steps(dim: int, touching: float) -> Floats:
+    """Return steps (2 d, d) along the axes, a few times as long as ``touching``."""
+    return 4 * touching * np.concatenate([np.eye(dim), -np.eye(dim)])
+
+
+def _at_ends(source: ClosestPointSource, places: Floats, touching: float) -> Floats:
+    """Return ``places`` (k, d) on a source, with those about as near to its edge as ``touching`` moved there."""
+    feet = source.closest_point((places[:, None] + _steps(source.dim, touching)).reshape(-1, source.dim))
+    at_edge = (feet.edge >= 0).reshape(len(places), -1)
+    moved = feet.points.reshape(len(places), -1, source.dim)[np.arange(len(places)), at_edge.argmax(axis=1)]
+    return np.where(np.asarray(at_edge.any(axis=1))[:, None], moved, places)
+
+
+def near_miss_warnings(surface: ClosestPointSource, spacing: float) -> tuple[str, ...]:
+    """Return a warning if members of different dimension come within a ``spacing`` and do not meet, else ()."""
+    members, meeting = members_of(surface), {(each.lower, each.higher) for each in meetings_of(surface)}
+    for lower, higher in pairs_of_dimensions(members):
+        if (lower, higher) not in meeting:
+            gap, places = _approaches(members[lower], members[higher], spacing, touching_distance(surface))
+            if len(places):
+                return (
+                    f"Members {lower} and {higher} of the union come within {gap:.2g} of each other near "
+                    f"{place(places[0])} and do not touch: nothing flows between them; move them together if it should.",
+                )
+    return ()
+
+
+def pairs_of_dimensions(members: Sequence[ClosestPointSource]) -> list[tuple[int, int]]:
+    """Return the numbers of all pairs of ``members`` of different dimension, that of lower dimension first."""
+    dims = [largest_dim(member) for member in members]
+    return [(low, high) for low, high in permutations(range(len(members)), 2) if dims[low] < dims[high]]
 
 
 def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> list[str]:
@@ -20,17 +125,14 @@ def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> l
     With ``spacing`` zero these are members that touch, up to rounding. The warning states the places of the nearest
     pair, and the consequence for a solution on a band.
     """
-    members = members_of(surface)
-    touching = 1e-6 * float(np.ptp(np.asarray(surface.bounds, dtype=np.float64), axis=0).max())
+    members, touching = members_of(surface), touching_distance(surface)
     # Near members read each other's nodes: between a sphere and a rod .1 to 3 spacings apart, with values 0 and 1, the
     # error was .04 to .4, and below 1e-3 from 4 spacings on.
     within = max(4 * spacing, touching)
     joints = []
-    for pair in combinations(range(len(members)), 2):
-        lower, higher = sorted(pair, key=lambda number: largest_dim(members[number]))
-        if largest_dim(members[lower]) != largest_dim(members[higher]):
-            gap, places = _approaches(members[lower], members[higher], within, touching)
-            joints += [(gap, lower, higher, places)] if len(places) else []
+    for lower, higher in pairs_of_dimensions(members):
+        gap, places = _approaches(members[lower], members[higher], within, touching)
+        joints += [(gap, lower, higher, places)] if len(places) else []
     if not joints:
         return []
     gap, lower, higher, places = min(joints, key=lambda joint: joint[:3])

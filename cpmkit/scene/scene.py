@@ -27,6 +27,7 @@ from cpmkit.scene.edge_conditions import (
     sample_edge_point,
 )
 from cpmkit.scene.equations import Equation, Family
+from cpmkit.scene.junction import Junction, Junctions, check_junctions
 from cpmkit.scene.oriented import OrientedBoundary, orient
 from cpmkit.scene.special_data import VertexArrays
 from cpmkit.scene.surface_input import Surface, as_source
@@ -54,6 +55,9 @@ class Scene(Generic[Family]):
         where), with ``where`` a formula such as ``"x < 0"`` or a function of points, of which the first pair that holds
         at a point determines the condition, and a condition alone at the end for the rest; or a table of either by the
         number of the edge loop. Data are short for Dirichlet of them. The default is zero flux.
+    junctions : Junction or table
+        Where members of different dimension in a union meet: the law of all these places, or of some pairs of members
+        by their numbers, ``{(0, 2): Junction(radius=0.1)}``. By default u is continuous.
 
     Raises
     ------
@@ -77,6 +81,7 @@ class Scene(Generic[Family]):
     problem: Equation[Family]
     boundaries: Sequence[Boundary] = ()
     edge: EdgeConditions = field(default_factory=Neumann)
+    junctions: Junctions = field(default_factory=Junction)
 
     if TYPE_CHECKING:  # the constructor accepts more types than the fields have
 
@@ -86,6 +91,7 @@ class Scene(Generic[Family]):
             problem: Equation[Family],
             boundaries: Sequence[Boundary | BoundarySet] = (),
             edge: EdgeInput | Mapping[int, EdgeInput] = ...,
+            junctions: Junctions = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -104,6 +110,7 @@ class Scene(Generic[Family]):
                     f"`edge` must be {ONE_SIDED_WORDS}, or a table with one of them for each loop, or a list of pairs "
                     f"of one and where it holds, got {shown(condition)}."
                 )
+        object.__setattr__(self, "junctions", check_junctions(self.junctions, self.surface))
         arrays = VertexArrays(self.surface)
         object.__setattr__(self, "problem", arrays.replace_arrays(self.problem, self.problem.kind))
         object.__setattr__(self, "edge", map_conditions(self.edge, lambda one: arrays.replace_arrays(one, "the edge")))

@@ -16,13 +16,14 @@ from cpmkit.files.whole_files import find_file
 from cpmkit.formulas.expressions import Expression, ReactionExpression, StateExpression
 from cpmkit.manifold.abilities import HasValues
 from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugins import call_factory, factory
+from cpmkit.plugins import call_factory, check_accepted, factory
 from cpmkit.runtime.arrays import number, whole
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scene.conditions import Condition, Dirichlet, Neumann, Robin
 from cpmkit.scene.data import Data, as_vector_field, is_sequence, read_formula
+from cpmkit.scene.junction import Junction
 from cpmkit.scene.special_conditions import SimplySupported, Steklov, Transmission
-from cpmkit.scene.special_data import VertexData
+from cpmkit.scene.special_data import MemberData, VertexData
 
 CONDITIONS: dict[str, Any] = {kind.kind: kind for kind in (Dirichlet, Neumann, Robin, Steklov, SimplySupported)}
 
@@ -104,7 +105,7 @@ def _condition_arguments(kind: str, value: Any, dim: int, where: str) -> list[An
 
 def _is_datum(value: Any) -> bool:
     """Return True for data: a number, a formula, a list or vertex data, but no table."""
-    return isinstance(value, (int, float, str, list, VertexData)) and not isinstance(value, bool)
+    return isinstance(value, (int, float, str, list, VertexData, MemberData)) and not isinstance(value, bool)
 
 
 def read_edge(table: Any, dim: int, where: str) -> Any:
@@ -138,6 +139,26 @@ def _conditions_on_loop(table: Any, dim: int, where: str) -> Any:
     return parts
 
 
+def read_junctions(value: Any, where: str) -> Any:
+    """Return the junctions that a table, or a list of tables with the ``members`` of each, describes.
+
+    Raises SceneError, with the name ``where``, if a key or value is not accepted.
+    """
+    if not is_sequence(value):
+        table = as_table(value, where)
+        check_accepted(where, table, [member.name for member in fields(Junction)])
+        return Junction(**table)
+    found = {}
+    for count, entry in enumerate(value, 1):
+        label = f"entry {count} of {where}"
+        table = as_table(entry, label)
+        pair = table.pop("members", None)
+        if not is_sequence(pair) or len(pair) != 2 or not all(type(one) is int for one in pair):
+            raise SceneError(f"{label} needs members, the numbers of two members such as [0, 1], got {shown(pair)}.")
+        found[tuple(pair)] = read_junctions(table, label)
+    return found
+
+
 def read_data(value: Any, dim: int, where: str) -> Data:
     """Return data of a scene file: formulas as functions, numbers as floats, vertex data as they are, lists by entry.
 
@@ -148,7 +169,7 @@ def read_data(value: Any, dim: int, where: str) -> Data:
         case str():
             function: Data = read_formula(Expression, value, where, dim)
             return function
-        case VertexData():
+        case VertexData() | MemberData():
             return value
         case list():
             return [read_data(entry, dim, where) for entry in value]
@@ -222,15 +243,20 @@ def as_table(value: Any, where: str) -> dict[str, Any]:
 def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], where: str) -> Any:
     """Return a value of a scene file with each table ``{ values = "FILE.npy" }`` replaced by :class:`VertexData`.
 
-    The tables and lists of the value are searched, and files first in the ``folder``. The rows belong to the vertices
-    of one of ``carriers``, sources after their names: of the one that a table names with ``of = NAME``, or of the only
-    one that has as many vertices as the array has rows. ``where`` is the name of the value in errors. Raises SceneError
-    if an array fits no source, or several. Raises InputError if a file is missing or does not contain an array of
-    finite numbers.
+    A table ``{ members = [...] }`` of data for each member of a union becomes :class:`MemberData`. The tables and lists
+    of the value are searched, and files first in the ``folder``. The rows belong to the vertices of one of
+    ``carriers``, sources after their names: of the one that a table names with ``of = NAME``, or of the only one that
+    has as many vertices as the array has rows. ``where`` is the name of the value in errors. Raises SceneError if an
+    array fits no source, or several. Raises InputError if a file is missing or does not contain an array of finite
+    numbers.
     """
     match value:
         case dict() if "values" in value:
             return _vertex_data(value, folder, carriers, where)
+        case {"members": list() as entries, **rest} if not rest:
+            source = carriers[0][1]
+            given = [with_vertex_data(entry, folder, carriers, where) for entry in entries]
+            return MemberData(source, [read_data(each, source.dim, f"members of {where}") for each in given])
         case dict():
             return {key: with_vertex_data(entry, folder, carriers, f"{key} of {where}") for key, entry in value.items()}
         case list():

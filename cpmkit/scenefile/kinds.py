@@ -127,6 +127,7 @@ def table_schemas(problem_needs: bool = True) -> Schema:
     edge = {
         "description": "What holds on the rim; or a list of tables, each with `where`, a formula; or a table of loops."
     }
+    junctions = {"description": "Where members of different dimension meet; or a list of tables with `members`."}
     condition = {"$ref": "#/definitions/condition"}
     sides: Schema = dict.fromkeys(SIDE_KEYS, condition) | {
         "left_of": {"description": "A point on the left.", "type": "array"},
@@ -134,7 +135,7 @@ def table_schemas(problem_needs: bool = True) -> Schema:
         "name": {"description": "For reports, and to ask for a side.", "type": "string"},
     }
     return {
-        "surface": _kinds_schema("source", {"edge": edge}),
+        "surface": _kinds_schema("source", {"edge": edge, "junctions": junctions}),
         "boundary": {"type": "array", "items": _kinds_schema("source", sides)},
         "problem": _kinds_schema("equation", needs=problem_needs),
         "discretization": _options_schema([Options, AccuracyTarget, *FORMS.values()]),

@@ -31,6 +31,7 @@ from cpmkit.scenefile.condition_tables import (
     as_table,
     list_of_tables,
     read_edge,
+    read_junctions,
     read_side,
     with_vertex_data,
 )
@@ -105,13 +106,14 @@ def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
         raise SceneError("a scene needs the tables [surface] and [problem].")
     surface_table = as_table(tables["surface"], "[surface]")
     edge_table = surface_table.pop("edge", {"neumann": 0.0})
+    junctions = read_junctions(surface_table.pop("junctions", {}), "junctions of [surface]")
     edge_of = f"edge of {surface_table.get('kind', '[surface]')}"
     surface = read_source(surface_table, folder, "[surface]")
     carriers = [("surface", surface)]
     edge = read_edge(with_vertex_data(edge_table, folder, carriers, edge_of), surface.dim, edge_of)
     problem = with_vertex_data(as_table(tables["problem"], "[problem]"), folder, carriers, "[problem]")
     boundaries = [_boundary(table, number, folder, surface) for number, table in list_of_tables(tables, "boundary")]
-    return Scene(surface, _problem(problem, surface.dim), boundaries, edge)
+    return Scene(surface, _problem(problem, surface.dim), boundaries, edge, junctions)
 
 
 def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any]]:

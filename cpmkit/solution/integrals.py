@@ -42,6 +42,9 @@ def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | N
     """Return the integral of a solution, or of ``function`` of it; arguments are as for `SolutionRecord.integrate`."""
     dimension, form = _integrated_dimension(solution.scene.surface, dim), solution.discretized
     if form.point_weights is not None:  # the form's own quadrature, each point on its side
+        parts = form.traits.parts
+        if parts:  # of several dimensions
+            return integrate(solution.of_dimension(dimension), function, dimension)
         read = form.at_points(solution.values)
         if function is not None:
             read = _evaluate_integrand(function, form.points.copy(), read)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.solution.record import SolutionRecord
-from cpmkit.types import Floats
+from cpmkit.types import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +50,19 @@ class EigenRecord(SolutionRecord):
         return [*super()._notebook_rows(), ("eigenvalues", ", ".join(f"{value:.6g}" for value in self.eigenvalues))]
 
 
-def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tuple[Floats, Floats]:
+def compare_modes(
+    fine: EigenRecord, coarse: EigenRecord, points: Floats, dims: Ints | None = None
+) -> tuple[Floats, Floats]:
     """Return the differences of the eigenvalues (count,) and of the eigenfunctions (n, count) of two solutions.
 
     Each eigenfunction of ``fine`` is approximated by least squares in those of ``coarse`` at ``points`` (n, d) of the
     scene, which also works for multiple eigenvalues, whose basis is arbitrary. Its eigenvalue is compared with the mean
     of the coarse eigenvalues, weighted by the squares of the coefficients. The difference of an eigenvalue is infinite
     if the coarse solution does not recover its mode: more than half of the mean square of the eigenfunction is left as
-    a remainder. The differences of eigenfunctions are the absolute values of these remainders at the points.
+    a remainder. The differences of eigenfunctions are the absolute values of these remainders at the points. ``dims``
+    (n,) are the dimensions of the members on which the points are, in a union of several dimensions.
     """
-    of_fine, of_coarse = (modes.evaluate(points).reshape(len(points), -1) for modes in (fine, coarse))
+    of_fine, of_coarse = (modes.evaluate_by_dimension(points, dims) for modes in (fine, coarse))
     weights = np.linalg.lstsq(of_coarse, of_fine, rcond=None)[0]
     remainder = np.abs(of_fine - of_coarse @ weights)
     recovered = 1 - np.mean(remainder**2, axis=0) / np.mean(of_fine**2, axis=0)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, overload
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.data_checks import Imbalance
 from cpmkit.forms.form_records import MeasuredWork
@@ -17,7 +17,7 @@ from cpmkit.linear.residuals import SolveReport
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.summary import summarize
-from cpmkit.types import SIDES, Floats, ReadSides, Side, Sides
+from cpmkit.types import SIDES, Floats, Ints, ReadSides, Side, Sides
 
 if TYPE_CHECKING:
     from cpmkit.solution.display_mesh import DisplayMesh
@@ -182,6 +182,48 @@ class SolutionRecord:
         from cpmkit.solution.display_mesh import values_at_vertices
 
         return values_at_vertices(self, lambda points: self.evaluate(points, side))
+
+    def of_dimension(self, dim: int) -> Self:
+        """Return the solution on the members of dimension ``dim`` of a union; of others the solution itself.
+
+        Where members of different dimension lie on each other, as a surface on the boundary of a solid, each has values
+        of its own there. The result is evaluated, integrated, drawn and saved like any solution, without an estimate.
+        Raises InputError if there is no such member, or the form has the same unknowns for all members.
+
+        Examples
+        --------
+        >>> import cpmkit as ck
+        >>> sphere = ck.source("analytic.sphere")
+        >>> both = ck.source("union", members=[ck.source("solid", of=sphere), sphere])
+        >>> f = ck.MemberData(both, [1.0, 3.0])
+        >>> scene = ck.Scene(both, ck.ScreenedPoisson(f), junctions=ck.Junction(resistance=1.0))
+        >>> solution = ck.solve(scene, spacing=0.4)
+        >>> [float(solution.of_dimension(dim).mean().round(2)) for dim in (2, 3)]
+        [2.69, 1.31]
+        """
+        parts = self.discretized.traits.parts
+        for part in parts:
+            if part.dim == dim:
+                values = self.values[part.unknowns]
+                return replace(self, discretized=part.form, values=values, imbalances=(), estimated=False)
+        dimensions: list[int | None] = [part.dim for part in parts] or [self.scene.surface.manifold_dim]
+        if not parts and dim in dimensions:
+            return self
+        known = " and ".join(map(str, dimensions)) if None not in dimensions else "several dimensions, in another form"
+        raise InputError(f"dim must be that of a part of the solution, {known}, got {shown(dim)}.")
+
+    def evaluate_by_dimension(self, points: Floats, dims: Ints | None) -> Floats:
+        """Return the solution (k, channels) at ``points`` (k, d), each on members of its dimension in ``dims``.
+
+        Without ``dims`` it is evaluated on the nearest member.
+        """
+        if dims is None:
+            return self.discretized.evaluate(self.values, points)
+        found = np.empty((len(points), self.channels))
+        for dim in np.unique(dims):
+            part = self.of_dimension(int(dim))
+            found[dims == dim] = part.discretized.evaluate(part.values, points[dims == dim])
+        return found
 
     def gradient(self, points: Any, side: Sides = None) -> Any:
         """Return the surface gradient of the solution at the points of the manifold nearest to ``points``.

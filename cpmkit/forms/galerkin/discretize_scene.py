@@ -20,6 +20,7 @@ from cpmkit.forms.galerkin.solve_memory import SolveMemory
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE, QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space, spline_slopes, spline_values
+from cpmkit.forms.galerkin.unions.discretize_union import discretize_union
 from cpmkit.forms.options import Options
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered
@@ -47,7 +48,7 @@ MOST_MARKED_SHARE = 0.1
 LEAST_GAIN = 3.0
 
 
-def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
+def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Any:
     """Return the discretisation of a scene; ``progress`` receives the stage and the share of it that is done.
 
     Raises SceneError if the form cannot solve the scene, InputError, SceneError or ResolutionError if the lattice's
@@ -56,6 +57,8 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     check(scene, options)
     SolveMemory(scene, options).check_samples_fit()
     progress("samples", 0.0)
+    if scene.surface.manifold_dim is None:
+        return discretize_union(scene, options, progress, discretize)
     if scene.surface.manifold_dim == scene.surface.dim:
         return discretize_solid(scene, options, progress)
     inserted = insert_scene(scene, options)

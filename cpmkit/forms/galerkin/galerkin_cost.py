@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -20,6 +21,7 @@ from cpmkit.types import Progress
 
 if TYPE_CHECKING:
     from cpmkit.forms.galerkin.form import Galerkin
+    from cpmkit.forms.galerkin.unions.union_form import GalerkinUnion
 
 #: The spacing of a dry run is doubled while it is below this share of the largest side.
 COARSEST_DRY_RUN_SHARE = 1 / 16
@@ -27,21 +29,20 @@ COARSEST_DRY_RUN_SHARE = 1 / 16
 SOLUTION_BYTES_PER_SAMPLE = 50.0
 
 
-def _counts(form: Galerkin) -> dict[str, int]:
+def _counts(form: Galerkin | GalerkinUnion) -> dict[str, int]:
     """Return the numbers of unknowns, samples, patches, queries (of closest points) and ties (cut facets), by name.
 
-    Boundary number i has the key ``"boundary i"``: its samples.
+    The boundary called NAME has the key ``"boundary NAME"``: its samples.
     """
-    counts = {
-        "unknowns": form.size,
-        "samples": form.sampled.interior,
-        "patches": len(form.space.dof_map.cells),
-        "queries": form.sampled.queries,
-        "ties": len(form.sampled.ties),
-    }
-    for number, _ in enumerate(form.scene.boundaries):
-        counts[f"boundary {number}"] = int((form.sampled.boundary.owner == number).sum())
-    return counts
+    counts: Counter[str] = Counter(unknowns=form.size, ties=0)
+    for each in form.forms:
+        counts["samples"] += each.sampled.interior
+        counts["patches"] += len(each.space.dof_map.cells)
+        counts["queries"] += each.sampled.queries
+        counts["ties"] += len(each.sampled.ties)
+        for number, boundary in enumerate(each.scene.boundaries):
+            counts[f"boundary {boundary.name}"] = int((each.sampled.boundary.owner == number).sum())
+    return dict(counts)
 
 
 class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
@@ -108,7 +109,7 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
             floor_is_bound=form.source_error() > form.source_error(0.0),
         )
 
-    def _parts(self, form: Galerkin, counts: Mapping[str, int]) -> list[Part]:
+    def _parts(self, form: Galerkin | GalerkinUnion, counts: Mapping[str, int]) -> list[Part]:
         """Return the parts of the explanation: samples, patches, splines, then levels, ties and boundaries, if any.
 
         ``counts`` has the keys of :func:`_counts`; ``form``, which may be coarser, says how the mesh is cut.
@@ -131,12 +132,14 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
             why = "a first solution shows whether finer splines pay; all counts are those before it"
             parts.append(Part("levels of refine='auto'", f"up to {own.refine_levels}", why))
         if counts["ties"]:
-            where = "at creases and junctions" + ", and between near parts" * form.sampled.has_charts
+            has_charts = any(each.sampled.has_charts for each in form.forms)
+            where = "at creases and junctions" + ", and between near parts" * has_charts
             why = f"the mesh is cut {where}: each side has splines of its own, and u is continuous"
             parts.append(Part("ties", f"{counts['ties']:,} facets", why))
-        for number, boundary in enumerate(self.scene.boundaries):
-            why = f"the mesh is cut there, each side has splines of its own: {sides_in_words(boundary)}"
-            if form.sampled.oriented[number].left_description:
-                why += f"; {form.sampled.oriented[number].left_description}"
-            parts.append(Part(f"samples of {boundary.name!r}", f"{counts[f'boundary {number}']:,}", why))
+        for each in form.forms:
+            for boundary, oriented in zip(each.scene.boundaries, each.sampled.oriented, strict=True):
+                why = f"the mesh is cut there, each side has splines of its own: {sides_in_words(boundary)}"
+                why += f"; {oriented.left_description}" if oriented.left_description else ""
+                count = counts[f"boundary {boundary.name}"]
+                parts.append(Part(f"samples of {boundary.name!r}", f"{count:,}", why))
         return parts

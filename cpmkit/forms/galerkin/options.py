@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.forms.galerkin.unions.part_scenes import unsupported_junction
 from cpmkit.forms.options import Options
 from cpmkit.manifold.abilities import has_finite_feet, members_of
 from cpmkit.manifold.local_source import largest_dim
@@ -143,15 +145,9 @@ def check_scene(scene: Scene, options: Options[GalerkinOptions]) -> None:
             f"conditions of the form {options.form!r} have no order, got order={orders[0]}; leave it out, or use "
             "form='collocation'."
         )
-    if surface.manifold_dim == surface.dim:
-        _check_solid(scene, options.own)
-    elif surface.manifold_dim not in range(1, surface.dim):
-        dims = sorted({largest_dim(member) for member in members_of(surface)})
-        kind = "manifold of dimension" if len(dims) == 1 else "union of the dimensions"
-        raise SceneError(
-            f"the form {options.form!r} takes curves, surfaces or solids of one dimension, got a {kind} "
-            f"{' and '.join(map(str, dims))} in {surface.dim}D; use form='collocation'."
-        )
+    reason = reason_against(scene, options.own.as_dict())
+    if reason:
+        raise SceneError(f"the form {options.form!r} takes {reason}; change that, or use form='collocation'.")
     if has_finite_feet(surface):
         raise SceneError(
             f"the form {options.form!r} integrates over the manifold, and closest points on this one are single "
@@ -159,15 +155,38 @@ def check_scene(scene: Scene, options: Options[GalerkinOptions]) -> None:
         )
 
 
-def _check_solid(scene: Scene, own: GalerkinOptions) -> None:
-    """Raise SceneError, with advice, for what the form does not take on solids."""
+def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
+    """Return what the form takes, where a scene on a solid or a union differs from that; "" if it does not.
+
+    ``given`` are the options by name; those that are missing have their default.
+    """
+    surface, own = scene.surface, GalerkinOptions().as_dict() | {**given}
+    dims = sorted({largest_dim(member) for member in members_of(surface)})
+    if not {*dims} <= {*range(1, surface.dim + 1)}:
+        dimensions = " and ".join(map(str, dims))
+        return f"curves, surfaces and solids, got a manifold of dimension {dimensions} in {surface.dim}D"
+    if surface.dim not in dims and len(dims) == 1:
+        return ""
+    on = "solids" if len(dims) == 1 else "unions of several dimensions"
     reasons = {
-        "no boundaries inside": bool(scene.boundaries),
-        f"splines of degree 2, got degree={own.degree}": own.degree != 2,
-        "refine='off'": own.refine != "off",
-        "tips='extended'": own.tips != "extended",
-        "samples='auto'": own.samples == "plain",
+        f"splines of degree 2 on {on}, got degree={own['degree']}": own["degree"] != 2,
+        f"refine='off' on {on}": own["refine"] != "off",
+        f"tips='extended' on {on}": own["tips"] != "extended",
+        f"samples='auto' on {on}": own["samples"] == "plain",
+        "no boundaries inside solids": surface.dim in dims and _has_boundary_in_solid(scene),
+        "no velocity on unions of several dimensions": len(dims) > 1 and scene.problem.terms().velocity is not None,
+        "no second Laplacian on unions of several dimensions": len(dims) > 1 and scene.problem.family == "biharmonic",
     }
-    for reason, holds in reasons.items():
-        if holds:
-            raise SceneError(f"the form 'galerkin' takes {reason} on solids; change that, or use form='collocation'.")
+    return next((reason for reason, holds in reasons.items() if holds), "") or _junction_against(scene)
+
+
+def _has_boundary_in_solid(scene: Scene) -> bool:
+    """Return whether a boundary of the scene lies inside a solid."""
+    return any(scene.oriented(boundary).dimension == scene.surface.dim for boundary in scene.boundaries)
+
+
+def _junction_against(scene: Scene) -> str:
+    """Return the junctions that the form takes, where one of the scene's is none of them; "" if all are."""
+    words = unsupported_junction(scene)
+    accepted = "curves in surfaces, surfaces on the boundary of solids, and curves that meet surfaces at points"
+    return f"{accepted}; {words}" if words else ""

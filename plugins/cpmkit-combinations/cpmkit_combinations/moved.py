@@ -129,6 +129,11 @@ class Moved(Wrapper):
         motion = {"rotation": self.rotation, "translation": self.translation, "scale": self.scale}
         return [moved_source(of=member, **motion) for member in self.of.members]
 
+    def _with_members(self, numbers: Sequence[int], /) -> Any:
+        """Return the union of the moved members with these ``numbers``; of one number the moved member itself."""
+        chosen = [self._members[number] for number in numbers]
+        return chosen[0] if len(chosen) == 1 else union(members=chosen)
+
     @property
     def _skin(self) -> ClosestPointSource:
         """The moved boundary of a solid."""

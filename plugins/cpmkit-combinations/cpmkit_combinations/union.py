@@ -57,6 +57,11 @@ class Union:
         dims = {member.manifold_dim for member in self.members}
         return dims.pop() if len(dims) == 1 else None
 
+    def with_members(self, numbers: Sequence[int], /) -> Any:
+        """Return the union of the members with these ``numbers``, in this order; of one number the member itself."""
+        chosen = [self.members[number] for number in numbers]
+        return chosen[0] if len(chosen) == 1 else union(members=chosen)
+
     @property
     def bounds(self) -> Floats:
         """(2, d) corners of the bounding box of the members' boxes."""

@@ -84,6 +84,10 @@ class Pair(Able):
     def members(self):
         return [Able(self.center, self.radius)]
 
+    def with_members(self, numbers, /):
+        (number,) = numbers
+        return self.members[number]
+
     def closest_point(self, x, /):
         return replace(super().closest_point(x), element=np.zeros(len(x), dtype=np.int64))
 

@@ -147,7 +147,7 @@ def polygon(*corners):
 
 def test_what_is_refused():
     cut = ck.Boundary("cut", ck.source("analytic.circle", radius=0.5), both=ck.Dirichlet(0.0))
-    with pytest.raises(ck.SceneError, match=r"no boundaries inside on solids; change that, or use form='collocation'"):
+    with pytest.raises(ck.SceneError, match=r"no boundaries inside solids; change that, or use form='collocation'"):
         ck.solve(ck.Scene(DISK, ck.Laplace(), [cut]), 0.2, form="galerkin")
     refused = {"degree": 3}, {"refine": "auto"}, {"tips": "singular"}, {"samples": "plain"}
     words = "degree 2, got degree=3", "refine='off'", "tips='extended'", "samples='auto'"

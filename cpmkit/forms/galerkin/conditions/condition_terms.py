@@ -195,9 +195,9 @@ class ConditionTerms:
             numbers = rows[some]
             coefficients = self.a[numbers], self.samples.weights[numbers], widths[some], penalty
             products, factors = one_sided_products(alpha[some], beta[some], *coefficients)
-            forms = [(self._forms(x, numbers), self._forms(y, numbers)) for x, y in products]
+            forms = [(self.linear_forms(x, numbers), self.linear_forms(y, numbers)) for x, y in products]
             matrices.append(sum_of_symmetrised_products(forms))
-            loads.append(self._forms(factors, numbers).T.tocsr())
+            loads.append(self.linear_forms(factors, numbers).T.tocsr())
         return AddedTerms(sum(matrices[1:], matrices[0]), hstack(loads, format="csr"), self._data(conditions, "datum"))
 
     def _interface_terms(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
@@ -209,9 +209,9 @@ class ConditionTerms:
         resistance = join_values(conditions, lambda each: each.law.resistance)
         products, factors = interface_products(a, widths, resistance, self.samples.weights[left])
         matrix = sum_of_symmetrised_products(
-            [(self._forms(x, left, right), self._forms(y, left, right)) for x, y in products]
+            [(self.linear_forms(x, left, right), self.linear_forms(y, left, right)) for x, y in products]
         )
-        load = vstack([self._forms(each, left, right) for each in factors]).T.tocsr()
+        load = vstack([self.linear_forms(each, left, right) for each in factors]).T.tocsr()
         return AddedTerms(matrix, load, self._data(conditions, "jump") + self._data(conditions, "flux"))
 
     def _tie_terms(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
@@ -225,11 +225,11 @@ class ConditionTerms:
             weights = self.samples.weights[each.rows]
             products = tie_products(self.a[rows], self.widths[rows], weights)
             matrix += sum_of_symmetrised_products(
-                [(self._forms(x, *each.sides), self._forms(y, *each.sides)) for x, y in products]
+                [(self.linear_forms(x, *each.sides), self.linear_forms(y, *each.sides)) for x, y in products]
             )
             if self.outward_speed is not None:
                 for tested, value in tie_upwinding(self.outward_speed[rows], weights):
-                    matrix += self._forms(tested, *each.sides).T.tocsr() @ self._forms(value, *each.sides)
+                    matrix += self.linear_forms(tested, *each.sides).T.tocsr() @ self.linear_forms(value, *each.sides)
         return AddedTerms(matrix.tocsr(), csr_array((n, 0)), [])
 
     def _upwinding_terms(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
@@ -245,11 +245,11 @@ class ConditionTerms:
         signs = (1.0, -1.0)[: len(rows)]
         value = side_factors(*(factor for sign in signs for factor in (zero + sign, zero)))
         tested = side_factors(*(f for sign, flow in zip(signs, inflow, strict=True) for f in (sign * flow, zero)))
-        load = self._forms(tested, *rows).T.tocsr()
+        load = self.linear_forms(tested, *rows).T.tocsr()
         data = self._data(conditions, "jump" if couples else "datum")
-        return AddedTerms(load @ self._forms(value, *rows), load, data)
+        return AddedTerms(load @ self.linear_forms(value, *rows), load, data)
 
-    def _forms(self, factors: Floats, *rows: Ints) -> csr_array:
+    def linear_forms(self, factors: Floats, *rows: Ints) -> csr_array:
         """Return the matrix (k, n) of the linear forms ``factors`` (k, s, 2) at the samples ``rows``, s times (k,)."""
         if len(rows) == 1:  # without the traces of all samples, of which a skin has many
             of_value, of_slope = (factors[:, 0, k, None] for k in range(2))

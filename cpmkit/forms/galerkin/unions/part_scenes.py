@@ -1,0 +1,152 @@
+"""The scenes of the members of each dimension of a union, with their data, boundaries, edges, and cuts at junctions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import SceneError, place
+from cpmkit.manifold.abilities import edge_limit_of, members_of
+from cpmkit.manifold.local_source import largest_dim
+from cpmkit.manifold.mixed_dimension import Meeting, is_near, loops_near, meetings_of
+from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
+from cpmkit.scene.boundary import Boundary
+from cpmkit.scene.data import is_sequence
+from cpmkit.scene.edge_conditions import EdgeConditions
+from cpmkit.scene.junction import CONTINUOUS, JunctionSide, junction_of
+from cpmkit.scene.scene import Scene
+from cpmkit.scene.special_data import MemberData
+
+#: The name that the cut at a junction has among the boundaries of a part.
+CUT_NAME = "junction {}/{}"
+
+
+def dimensions_of(surface: ClosestPointSource) -> list[int]:
+    """Return the dimensions of the members of a union, ascending."""
+    return sorted({largest_dim(member) for member in members_of(surface)})
+
+
+def unsupported_junction(scene: Scene) -> str:
+    """Return in words the first place of a union where members meet in a way that no law covers; "" without one."""
+    members = members_of(scene.surface)
+    for meeting in meetings_of(scene.surface):
+        dims = [largest_dim(members[number]) for number in (meeting.lower, meeting.higher)]
+        pair = f"{_pair_in_words(scene, meeting)} "
+        near = f"near {place(meeting.places[0])}"
+        if meeting.how == "inside":
+            return f"{pair}meet inside the solid, {near}"
+        if meeting.how == "in part":
+            return f"{pair}coincide in part only, {near}: divide the first where it leaves the second"
+        if meeting.how == "along" and dims[0] + 1 != dims[1]:
+            return f"{pair}meet along a curve, {near}, where u has no limit in a solid"
+        if meeting.how == "points" and dims != [1, 2]:
+            return f"{pair}meet, {near}, in a point or along an edge, where u has no limit in a solid"
+    return ""
+
+
+def check_radii(scene: Scene) -> None:
+    """Raise SceneError if a curve meets a surface at a point, and the scene does not give the radius of the curve."""
+    for meeting in meetings_of(scene.surface):
+        law = junction_of(scene.junctions, meeting.lower, meeting.higher)
+        if meeting.how == "points" and law.radius is None:
+            raise SceneError(
+                f"{_pair_in_words(scene, meeting)} meet at a point, near {place(meeting.places[0])}, where u grows "
+                "like the logarithm of the distance: give the radius r of the curve's cross section, "
+                "junctions=ck.Junction(radius=r), or use form='collocation', where the spacing decides what flows."
+            )
+
+
+def _pair_in_words(scene: Scene, meeting: Meeting) -> str:
+    """Return the numbers and kinds of the members of a ``meeting``."""
+    members, dim = members_of(scene.surface), scene.surface.dim
+    dims = [largest_dim(members[number]) for number in (meeting.lower, meeting.higher)]
+    low, high = (MANIFOLD_WORDS[-1 if each == dim else each] for each in dims)
+    return f"members {meeting.lower} ({low}) and {meeting.higher} ({high}) of the union"
+
+
+def scenes_by_dimension(scene: Scene) -> list[tuple[tuple[int, ...], Scene]]:
+    """Return for each dimension, ascending, the numbers of the members of a union and the scene on them.
+
+    A member of lower dimension that lies on one of higher dimension becomes a boundary of that, or a part of its edge,
+    with a `JunctionSide`; where a curve meets a surface inside the curve, the curve is cut. Data of the whole scene are
+    those of its members.
+    """
+    members, surface = members_of(scene.surface), scene.surface
+    found = []
+    for dim in dimensions_of(surface):
+        numbers = tuple(k for k, member in enumerate(members) if largest_dim(member) == dim)
+        source: Any = surface
+        own = source.with_members(numbers)
+        boundaries = [each for each in scene.boundaries if _dimension_at(scene, each) == dim]
+        for meeting in meetings_of(surface):
+            boundaries += _cuts(scene, meeting, numbers, own)
+        problem = restrict_fields(scene.problem, partial(restrict_data, numbers=numbers, own=own))
+        part = Scene(own, problem, boundaries, _edge(scene, numbers, own))
+        vars(part)["channels"] = scene.channels  # data of other parts may have more channels than those of this one
+        found.append((numbers, part))
+    return found
+
+
+def _dimension_at(scene: Scene, boundary: Boundary) -> int:
+    """Return the dimension of the members on which a ``boundary`` of the scene lies."""
+    return scene.oriented(boundary).dimension
+
+
+def _cuts(scene: Scene, meeting: Meeting, numbers: Sequence[int], own: ClosestPointSource) -> list[Boundary]:
+    """Return the boundaries that a ``meeting`` adds to the scene of the members ``numbers``, whose union is ``own``."""
+    members, name = members_of(scene.surface), CUT_NAME.format(meeting.lower, meeting.higher)
+    higher = members[meeting.higher]
+    if meeting.higher in numbers and meeting.how == "along" and largest_dim(higher) < higher.dim:
+        return [Boundary(name, members[meeting.lower], both=JunctionSide())]
+    if meeting.lower in numbers and meeting.how == "points":
+        # where curves end or meet each other their mesh is cut and tied already
+        joined = sum(is_near(members[number], meeting.places, own) for number in numbers) > 1
+        inner = meeting.places[(members[meeting.lower].closest_point(meeting.places).edge < 0) & ~joined]
+        return [Boundary(f"{name} {k}", at[None], across=CONTINUOUS) for k, at in enumerate(inner)]
+    return []
+
+
+def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> EdgeConditions:
+    """Return the conditions on the edge of the members ``numbers``, whose union is ``own``.
+
+    In a table, loops that lie on other members have zero flux unless the scene names them.
+    """
+    if not isinstance(scene.edge, Mapping):
+        return scene.edge
+    edge: dict[int, Any] = {}
+    for meeting in meetings_of(scene.surface):
+        if {meeting.lower, meeting.higher} & {*numbers}:
+            edge |= {loop: JunctionSide() for loop in loops_near(own, meeting.places)}
+    for loop, condition in scene.edge.items():
+        own_loop = own_loop_of(scene.surface, numbers, loop)
+        if own_loop is not None:
+            edge[own_loop] = condition
+    return edge
+
+
+def own_loop_of(surface: ClosestPointSource, numbers: Sequence[int], loop: int) -> int | None:
+    """Return the number in the union of the members ``numbers`` of an edge loop of ``surface``; None if it has none."""
+    members = members_of(surface)
+    starts = np.cumsum([0] + [edge_limit_of(member) for member in members])
+    own_starts = np.cumsum([0] + [edge_limit_of(members[number]) for number in numbers])
+    member = int(np.searchsorted(starts, loop, side="right")) - 1
+    return int(loop - starts[member] + own_starts[numbers.index(member)]) if member in numbers else None
+
+
+def restrict_data(data: Any, numbers: Sequence[int], own: ClosestPointSource) -> Any:
+    """Return ``data`` of a scene on a union for its members ``numbers``, whose union is ``own``."""
+    if is_sequence(data) and any(isinstance(each, MemberData) for each in data):
+        return type(data)(restrict_data(each, numbers, own) for each in data)
+    return data.of_members(numbers, own) if isinstance(data, MemberData) else data
+
+
+def restrict_fields(instance: Any, restrict: Callable[[Any], Any]) -> Any:
+    """Return a dataclass ``instance`` with each field that changes by ``restrict`` replaced by its result."""
+    old = {each.name: getattr(instance, each.name) for each in fields(instance) if each.init}
+    new = {name: restrict(value) for name, value in old.items()}
+    changed = {name: value for name, value in new.items() if value is not old[name]}
+    return replace(instance, **changed) if changed else instance

@@ -1,0 +1,104 @@
+"""Junctions: how u and its flux behave where members of different dimension in a union meet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from cpmkit.errors import SceneError, shown
+from cpmkit.manifold.abilities import members_of
+from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.runtime.arrays import not_negative, positive
+from cpmkit.scene.conditions import Condition
+from cpmkit.scene.laws import Flux
+from cpmkit.scene.special_conditions import Transmission
+
+
+@dataclass(frozen=True)
+class Junction:
+    """The law where members of different dimension in a union meet, in the Galerkin form.
+
+    With v the solution on the member of lower dimension and u that on the other, ``u - v = resistance q``. Here q is
+    what flows from u to v: along a curve in a surface, or a surface on the boundary of a solid, per unit of length or
+    area; where a curve meets a surface at a point, in all.
+
+    Parameters
+    ----------
+    resistance : float
+        Zero, the default, for a continuous solution; an exchange with the rate k has the resistance 1 / k.
+    radius : float, optional
+        Where a curve meets a surface at a point, the radius r of the curve's cross section: u grows like
+        ``-log(distance)`` there, and v is the mean of u at the distance r.
+
+    Raises
+    ------
+    InputError
+        If the resistance is not a number from zero on, or the radius no number above zero.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> rod = ck.source("analytic.segment", start=[1, 0, 0], end=[3, 0, 0])
+    >>> both = ck.source("union", members=[ck.source("analytic.sphere"), rod])
+    >>> warm = {1001: ck.Dirichlet(1.0)}  # the far end of the rod
+    >>> scene = ck.Scene(both, ck.ScreenedPoisson(0.0), edge=warm, junctions=ck.Junction(radius=0.05))
+    >>> ck.solve(scene, spacing=0.1).evaluate([[2, 0, 0]]).round(2)
+    array([0.49])
+    """
+
+    resistance: float = 0.0
+    radius: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers; raise InputError if they are not accepted."""
+        not_negative(self.resistance, "resistance of a junction")
+        if self.radius is not None:
+            positive(self.radius, "radius of a junction")
+
+
+@dataclass(frozen=True, eq=False)
+class JunctionLaw(Flux):
+    """No flux of its own: what flows there is added by the junction, which involves u."""
+
+    involves_value: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, eq=False)
+class JunctionSide(Condition):
+    """The condition on the sides of a cut of a member, and on its edge, where one of another dimension meets it."""
+
+    flux: float = 0.0
+    kind: ClassVar[str] = "junction"
+    law_kind: ClassVar[type] = JunctionLaw
+
+
+#: The condition across a point of a curve at which a surface meets it.
+CONTINUOUS = Transmission()
+#: The law of all junctions of a scene, or of each pair of members, by their numbers in the union.
+Junctions = Junction | Mapping[tuple[int, int], Junction]
+
+
+def check_junctions(given: Any, surface: ClosestPointSource) -> Any:
+    """Return the argument ``junctions`` of a scene; raise SceneError if it is not accepted, or names no members."""
+    if isinstance(given, Junction):
+        return given
+    count = len(members_of(surface))
+    entries: Any = given.items() if isinstance(given, Mapping) else [(None, given)]
+    for pair, law in entries:
+        numbers = isinstance(pair, tuple) and len(pair) == 2 and all(k in range(count) for k in pair)
+        if not numbers or not isinstance(law, Junction):
+            raise SceneError(
+                "junctions must be a ck.Junction, or a table of them by pairs of members of a union, such as "
+                f"{{(0, 1): ck.Junction(radius=0.1)}}, got {shown(law)} for {shown(pair)}; the union has {count} "
+                "members, from 0 on."
+            )
+    return {tuple(sorted(pair)): law for pair, law in entries}
+
+
+def junction_of(junctions: Junctions, first: int, second: int) -> Junction:
+    """Return the law of the junction of two members, by their numbers; that of a pair without one is continuity."""
+    if isinstance(junctions, Junction):
+        return junctions
+    low, high = sorted((first, second))
+    return junctions.get((low, high), Junction())

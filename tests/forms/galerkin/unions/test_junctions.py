@@ -1,0 +1,258 @@
+"""Junctions of members of different dimension: orders, conservation, symmetry, and where no law covers them."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from union_problems import BALL, RING, ROD, SPHERE, exchange, in_ball, on_ring, on_sphere, ring_on_sphere, rod_on_sphere
+
+import cpmkit as ck
+from cpmkit.errors import InputError, SceneError
+
+DISC = ck.source("solid", of=ck.source("analytic.circle"))
+CIRCLE = ck.source("analytic.circle")
+PLACES = {1: on_ring(), 2: on_sphere(), 3: in_ball()}
+IN_DISC = {1: on_ring()[:, :2], 2: in_ball()[:, :2]}
+
+
+def errors(problem, spacings, points=PLACES, **options):
+    found = []
+    for spacing in spacings:
+        solution = ck.solve(problem.scene, spacing, estimate=False, **options)
+        assert solution.discretized.form == "galerkin"
+        assert solution.report.iterations <= 30
+        found.append(problem.largest_error(solution, points))
+    return np.array(found)
+
+
+def order(found, spacings):
+    return np.polyfit(np.log(spacings), np.log(found), 1)[0]
+
+
+@pytest.mark.parametrize("conductance", [0.01, 1.0, 100.0])
+def test_a_curve_in_a_surface_is_of_third_order_whatever_it_conducts(conductance):
+    spacings = (0.28, 0.2, 0.14)
+    found = errors(ring_on_sphere(conductance), spacings, origin=[0.013, 0.027, 0.041])
+    assert order(found, spacings) > 2.5
+    assert found[1] < 5e-4
+
+
+def test_a_curve_in_lattice_planes_is_as_exact():
+    assert errors(ring_on_sphere(1.0), [0.2], origin=[0.0, 0.0, 0.0]) < 5e-4
+    assert errors(ring_on_sphere(1.0), [0.2], origin=[0.0, 0.0, 0.1]) < 5e-4
+
+
+@pytest.mark.parametrize("resistance", [0.0, 1.0])
+def test_a_solid_and_its_boundary_exchange_at_third_order(resistance):
+    spacings = (0.4, 0.28, 0.2)
+    found = errors(exchange(resistance), spacings, origin=[0.013, 0.027, 0.041])
+    assert order(found, spacings) > 2.0
+    assert found[2] < 1e-3
+
+
+@pytest.mark.parametrize("resistance", [0.0, 0.5])
+def test_a_disc_and_its_boundary_exchange_at_third_order(resistance):
+    spacings = (0.2, 0.14, 0.1, 0.07)
+    found = errors(exchange(resistance, DISC, CIRCLE), spacings, IN_DISC)
+    assert order(found, spacings) > 2.5
+    assert found[2] < 2e-4
+
+
+@pytest.mark.parametrize("radius", [0.01, 0.05])
+def test_a_rod_on_a_sphere_has_the_value_of_its_radius_at_any_spacing(radius):
+    rng, expected = np.random.default_rng(0), np.array(rod_on_sphere(radius))
+    for spacing in (0.2, 0.14, 0.1):
+        for _ in range(2):
+            turn = Rotation.random(random_state=rng)
+            place = [turn.apply(x) for x in np.array([[1, 0, 0], [3, 0, 0], [2, 0, 0], [-1, 0, 0]])]
+            rod = ck.source("analytic.segment", start=place[0], end=place[1])
+            both = ck.source("union", members=[SPHERE, rod])
+            edge, junctions = {1001: ck.Dirichlet(1.0)}, ck.Junction(radius=radius)
+            scene = ck.Scene(both, ck.ScreenedPoisson(0.0), edge=edge, junctions=junctions)
+            solution = ck.solve(scene, spacing, estimate=False)
+            on_rod, opposite = solution.of_dimension(1), solution.of_dimension(2).evaluate(place[3])
+            found = np.array([on_rod.evaluate(place[0]), on_rod.evaluate(place[2]), opposite])
+            np.testing.assert_allclose(found, expected, rtol=0.012)
+
+
+def test_a_curve_that_passes_through_a_surface_is_cut_there():
+    """By symmetry nothing flows along the rod at the centre of the sphere: both halves are rods that end there."""
+    through = ck.source("analytic.segment", start=[-3.0, 0, 0], end=[3.0, 0, 0])
+    ends, junctions = {1000: ck.Dirichlet(1.0), 1001: ck.Dirichlet(1.0)}, ck.Junction(radius=0.05)
+    both = ck.source("union", members=[SPHERE, through])
+    scene = ck.Scene(both, ck.ScreenedPoisson(0.0), edge=ends, junctions=junctions)
+    solution = ck.solve(scene, 0.1, estimate=False).of_dimension(1)
+    x = np.array([0.5, 0.0, -0.5]), np.array([1.5, 2.0, 2.5])
+    inside, outside = (solution.evaluate(np.stack([each, 0 * each, 0 * each], axis=1)) for each in x)
+    joint = solution.evaluate([1.0, 0, 0])
+    np.testing.assert_allclose(inside, joint * np.cosh(x[0]) / np.cosh(1.0), rtol=1e-5)
+    slope = (1 - joint * np.cosh(2.0)) / np.sinh(2.0)
+    np.testing.assert_allclose(outside, joint * np.cosh(x[1] - 1) + slope * np.sinh(x[1] - 1), rtol=1e-5)
+
+
+SCENES = {
+    "ring": ([SPHERE, RING], ck.Junction()),
+    "ball": ([BALL, SPHERE], ck.Junction(resistance=0.5)),
+    "ball, continuous": ([SPHERE, BALL], ck.Junction()),
+    "rod": ([SPHERE, ROD], ck.Junction(radius=0.05)),
+    "ring and rod": ([SPHERE, RING, ROD], {(0, 2): ck.Junction(radius=0.05), (0, 1): ck.Junction(resistance=0.1)}),
+}
+
+
+def scene_of(name, problem):
+    members, junctions = SCENES[name]
+    return ck.Scene(ck.source("union", members=members), problem, junctions=junctions)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_constants_total_symmetry_and_signs(name):
+    steady = scene_of(name, ck.ScreenedPoisson(2.0, c=1.0))
+    form = ck.discretize(steady, 0.25)
+    matrix = form.stiffness(steady.problem.terms()).to_csr()
+    assert abs(matrix - matrix.T).max() == 0
+    assert np.abs(form.at_points(ck.solve(steady, 0.25).values) - 2.0).max() < 1e-9
+    laplace = ck.discretize(scene_of(name, ck.Laplace()), 0.25).stiffness(ck.Laplace().terms())
+    assert np.abs(laplace.apply(form.constant)).max() < 1e-11 * np.abs(laplace.diagonal).max()
+    eigenvalues = ck.solve(scene_of(name, ck.Eigen(count=4)), 0.25).eigenvalues
+    assert eigenvalues[0] == pytest.approx(0.0, abs=1e-9)
+    assert eigenvalues[1] > 0.01
+    warm = ck.Heat(initial=lambda x: np.exp(-4 * ((x - [1.0, 0, 0]) ** 2).sum(axis=1)), until=1.0, step=0.02)
+    short = ck.Heat(initial=warm.initial, until=0.02, step=0.02)
+    first, last = (ck.solve(scene_of(name, problem), 0.25) for problem in (short, warm))
+    np.testing.assert_allclose(last.totals, first.totals, rtol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["ring", "ball", "rod"])
+def test_two_sources_are_reciprocal(name):
+    places = np.array([[0.0, 0.6, 0.8], {"ring": [0.0, 1.0, 0], "ball": [0.1, 0.2, 0.1], "rod": [2.0, 0, 0]}[name]])
+    found = [
+        ck.solve(scene_of(name, ck.ScreenedPoisson(ck.PointSource(place[None]))), 0.25).evaluate(other)
+        for place, other in (places, places[::-1])
+    ]
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ring", "ball", "rod"])
+def test_a_moved_turned_and_scaled_scene_has_the_same_solution(name):
+    """At the scale s, integrals over a member of dimension m have the factor s^m, and the coefficients s^-m."""
+    members, law = SCENES[name]
+    turn, shift, scale = Rotation.from_euler("xyz", [0.3, 0.7, -0.4]), np.array([2.0, -1.0, 0.5]), 2.0
+    dims = [member.manifold_dim for member in members]
+    places = {
+        1: on_ring(50) if name == "ring" else np.array([[1.5, 0, 0], [2, 0, 0]]),
+        2: on_sphere(50),
+        3: in_ball(50),
+    }
+    one = ck.solve(scene_of(name, ck.Elliptic(f=lambda x: x[:, 0], c=1.0)), 0.14)
+    motion = {"rotation": turn.as_matrix(), "translation": shift, "scale": scale}
+    moved = ck.source("moved", of=ck.source("union", members=members), **motion)
+
+    def f(m):
+        return lambda x: scale**-m * turn.inv().apply((x - shift) / scale)[:, 0]
+
+    data = {"f": [f(m) for m in dims], "c": [scale**-m for m in dims], "diffusivity": [scale ** (2 - m) for m in dims]}
+    problem = ck.Elliptic(**{key: ck.MemberData(moved, values) for key, values in data.items()})
+    radius = None if law.radius is None else scale * law.radius
+    junctions = ck.Junction(scale ** min(dims) * law.resistance, radius)
+    other = ck.solve(ck.Scene(moved, problem, junctions=junctions), 0.28)
+    for m in dims:
+        found = other.of_dimension(m).evaluate(scale * turn.apply(places[m]) + shift)
+        np.testing.assert_allclose(found, one.of_dimension(m).evaluate(places[m]), atol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["ring", "ball", "rod"])
+def test_the_estimate_is_about_the_error(name):
+    problem = {"ring": ring_on_sphere(1.0), "ball": exchange(1.0)}.get(name)
+    if problem is not None:
+        solution = ck.solve(problem.scene, 0.2)
+        true = problem.largest_error(solution, PLACES)
+        assert 0.5 < solution.error.error[0] / true < 3
+        return
+    both = ck.source("union", members=[SPHERE, ROD])
+    edge, junctions = {1001: ck.Dirichlet(1.0)}, ck.Junction(radius=0.05)
+    solution = ck.solve(ck.Scene(both, ck.ScreenedPoisson(0.0), edge=edge, junctions=junctions), 0.1)
+    true = abs(solution.of_dimension(1).evaluate([2.0, 0, 0]) - rod_on_sphere(0.05)[1])
+    assert solution.error.error[0] > true
+
+
+def test_solutions_are_saved_read_by_dimension_and_integrated(tmp_path):
+    problem = exchange(1.0)
+    solution = ck.solve(problem.scene, 0.28)
+    solution.save(tmp_path / "solution.npz")
+    again = ck.load(tmp_path / "solution.npz", problem.scene)
+    assert np.array_equal(again.values, solution.values)
+    assert solution.integrate(1.0, dim=3) == pytest.approx(4 * np.pi / 3, rel=1e-3)
+    assert solution.integrate(1.0, dim=2) == pytest.approx(4 * np.pi, rel=1e-3)
+    assert solution.mean(dim=2) == solution.of_dimension(2).mean()
+    with pytest.raises(InputError, match="2 and 3"):
+        solution.of_dimension(1)
+    with pytest.raises(InputError, match="2 and 3"):
+        solution.integrate()
+    plain = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.4)
+    assert plain.of_dimension(2) is plain
+
+
+def test_fluxes_and_sides_are_those_of_the_members():
+    cut = ck.Boundary("cut", ck.source("analytic.point", at=[2.0, 0, 0]), left=1.0, right=3.0)
+    high = ck.source("analytic.circle", center=[0, 0, 0.6], normal=[0, 0, 1], radius=0.8)
+    both = ck.source("union", members=[SPHERE, ROD])
+    boundaries = [cut, ck.Boundary("high", high, left=0.0, right=0.5)]
+    edge, junctions = {1001: ck.Dirichlet(5.0)}, ck.Junction(radius=0.05)
+    solution = ck.solve(ck.Scene(both, ck.Laplace(), boundaries, edge, junctions), 0.14)
+    assert solution.flux(1001) == pytest.approx(2.0, rel=1e-6)
+    assert solution.flux("cut", "right") == pytest.approx(-2.0, rel=1e-6)
+    np.testing.assert_allclose(solution.evaluate([[2.0, 0, 0]], side="both"), [[1.0, 3.0]], atol=1e-6)
+    np.testing.assert_allclose(solution.evaluate([[0.8, 0, 0.6]], side="both"), [[0.0, 0.5]], atol=1e-3)
+    assert solution.evaluate([0, 0, 1.0]) == pytest.approx(0.0, abs=1e-6)
+    # what comes along the rod leaves through the circle
+    assert solution.flux("cut", "left") == pytest.approx(-solution.flux("high", "right"), rel=1e-6)
+    np.testing.assert_allclose(solution.gradient([[2.5, 0, 0]]), [[2.0, 0, 0]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("members", "sentence"),
+    [
+        ([BALL, ck.source("analytic.sphere", radius=0.5)], "meet inside the solid"),
+        ([BALL, ROD], "in a point or along an edge"),
+        ([BALL, RING], "meet along a curve"),
+        ([ck.source("trimmed", of=SPHERE, trim="x - 0.3"), RING], "in part only"),
+    ],
+)
+def test_what_no_law_covers_is_refused_and_left_to_collocation(members, sentence):
+    scene = ck.Scene(ck.source("union", members=members), ck.ScreenedPoisson(1.0))
+    with pytest.raises(SceneError, match=sentence):
+        ck.discretize(scene, 0.3, form="galerkin")
+    form = ck.discretize(scene, 0.3)
+    assert form.form == "collocation"
+    assert sentence in form.describe()["form_reason"]
+
+
+def test_members_that_almost_touch_are_named():
+    rod = ck.source("analytic.segment", start=[1.05, 0, 0], end=[3.0, 0, 0])
+    scene = ck.Scene(ck.source("union", members=[SPHERE, rod]), ck.ScreenedPoisson(1.0))
+    assert ck.discretize(scene, 0.04).warnings() == ()
+    (warning,) = ck.discretize(scene, 0.2).warnings()
+    assert "Members 1 and 0 of the union come within 0.05 of each other near (1.05, 0, 0)" in warning
+
+
+def test_a_curve_on_a_surface_needs_a_radius_and_room():
+    both = ck.source("union", members=[SPHERE, ROD])
+    with pytest.raises(SceneError, match="radius r of the curve's cross section"):
+        ck.solve(ck.Scene(both, ck.ScreenedPoisson(1.0)), 0.3)
+    cap = ck.source("trimmed", of=SPHERE, trim="0.9 - x")
+    near_edge = ck.source("union", members=[cap, ROD])
+    with pytest.raises(SceneError, match="nearer to the edge of the surface"):
+        ck.solve(ck.Scene(near_edge, ck.ScreenedPoisson(1.0), junctions=ck.Junction(radius=0.01)), 0.3)
+    with pytest.raises(SceneError, match="no velocity on unions"):
+        ck.solve(ck.Scene(both, ck.Elliptic(f=1.0, c=1.0, velocity=lambda x: 0 * x)), 0.3, form="galerkin")
+
+
+@pytest.mark.parametrize(
+    ("junctions", "sentence"),
+    [(1.0, "must be a ck.Junction"), ({(0, 2): ck.Junction()}, "2 members"), ({(0, 1): 0.1}, "got 0.1")],
+)
+def test_junctions_that_are_none_are_refused(junctions, sentence):
+    with pytest.raises(SceneError, match=sentence):
+        ck.Scene(ck.source("union", members=[SPHERE, ROD]), ck.ScreenedPoisson(1.0), junctions=junctions)
+    for bad in ({"resistance": -1.0}, {"radius": 0.0}):
+        with pytest.raises(InputError, match="of a junction"):
+            ck.Junction(**bad)
