@@ -108,7 +108,7 @@ def near_miss_warnings(surface: ClosestPointSource, spacing: float) -> tuple[str
             if len(places):
                 return (
                     f"Members {lower} and {higher} of the union come within {gap:.2g} of each other near "
-                    f"{place(places[0])} and do not touch: nothing flows between them; move them together if it should.",
+                    f"{place(places[0])} and do not touch: nothing flows between them; let them touch if it should.",
                 )
     return ()
 

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from cpmkit.errors import SceneError, shown
+from cpmkit.errors import SceneError, place, shown
 from cpmkit.manifold.abilities import members_of
-from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.manifold.local_source import largest_dim
+from cpmkit.manifold.mixed_dimension import Meeting, meetings_of
+from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
 from cpmkit.runtime.arrays import not_negative, positive
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.laws import Flux
@@ -44,7 +46,7 @@ class Junction:
     >>> warm = {1001: ck.Dirichlet(1.0)}  # the far end of the rod
     >>> scene = ck.Scene(both, ck.ScreenedPoisson(0.0), edge=warm, junctions=ck.Junction(radius=0.05))
     >>> ck.solve(scene, spacing=0.1).evaluate([[2, 0, 0]]).round(2)
-    array([0.49])
+    array([0.35])
     """
 
     resistance: float = 0.0
@@ -102,3 +104,41 @@ def junction_of(junctions: Junctions, first: int, second: int) -> Junction:
         return junctions
     low, high = sorted((first, second))
     return junctions.get((low, high), Junction())
+
+
+def unsupported_junction(surface: ClosestPointSource) -> str:
+    """Return in words the first place of a union where members meet in a way that no law covers; "" without one."""
+    members = members_of(surface)
+    for meeting in meetings_of(surface):
+        dims = [largest_dim(members[number]) for number in (meeting.lower, meeting.higher)]
+        pair = f"{_pair_in_words(surface, meeting)} "
+        near = f"near {place(meeting.places[0])}"
+        if meeting.how == "inside":
+            return f"{pair}meet inside the solid, {near}"
+        if meeting.how == "in part":
+            return f"{pair}coincide in part only, {near}: divide the first where it leaves the second"
+        if meeting.how == "along" and dims[0] + 1 != dims[1]:
+            return f"{pair}meet along a curve, {near}, where u has no limit in a solid"
+        if meeting.how == "points" and dims != [1, 2]:
+            return f"{pair}meet, {near}, in a point or along an edge, where u has no limit in a solid"
+    return ""
+
+
+def check_radii(surface: ClosestPointSource, junctions: Junctions) -> None:
+    """Raise SceneError if a curve meets a surface at a point of a union, and ``junctions`` have no radius of it."""
+    for meeting in meetings_of(surface):
+        law = junction_of(junctions, meeting.lower, meeting.higher)
+        if meeting.how == "points" and law.radius is None:
+            raise SceneError(
+                f"{_pair_in_words(surface, meeting)} meet at a point, near {place(meeting.places[0])}, where u grows "
+                "like the logarithm of the distance: give the radius r of the curve's cross section, "
+                "junctions=ck.Junction(radius=r), or use form='collocation', where the spacing decides what flows."
+            )
+
+
+def _pair_in_words(surface: ClosestPointSource, meeting: Meeting) -> str:
+    """Return the numbers and kinds of the members of a ``meeting``."""
+    members, dim = members_of(surface), surface.dim
+    dims = [largest_dim(members[number]) for number in (meeting.lower, meeting.higher)]
+    low, high = (MANIFOLD_WORDS[-1 if each == dim else each] for each in dims)
+    return f"members {meeting.lower} ({low}) and {meeting.higher} ({high}) of the union"

@@ -198,7 +198,7 @@ class SolutionRecord:
         >>> f = ck.MemberData(both, [1.0, 3.0])
         >>> scene = ck.Scene(both, ck.ScreenedPoisson(f), junctions=ck.Junction(resistance=1.0))
         >>> solution = ck.solve(scene, spacing=0.4)
-        >>> [float(solution.of_dimension(dim).mean().round(2)) for dim in (2, 3)]
+        >>> [round(solution.of_dimension(dim).mean(), 2) for dim in (2, 3)]
         [2.69, 1.31]
         """
         parts = self.discretized.traits.parts

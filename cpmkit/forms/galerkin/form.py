@@ -67,11 +67,6 @@ class Galerkin(EquationAssembly, Discretized):
     #: How the lattice resolves the manifold. It is shared by all scenes on the same space.
     lattice_resolution: LatticeResolution = field(repr=False)
 
-    @property
-    def forms(self) -> list[Galerkin]:
-        """The form itself: a union of several dimensions has one for each."""
-        return [self]
-
     # Operators
 
     @property

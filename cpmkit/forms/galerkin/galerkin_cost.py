@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
+from cpmkit.forms.contract import Discretized
 from cpmkit.forms.cost_model import CostModel, Explanation, Part, sides_in_words, solver_part
 from cpmkit.forms.galerkin.equation_assembly import multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions
@@ -21,7 +22,6 @@ from cpmkit.types import Progress
 
 if TYPE_CHECKING:
     from cpmkit.forms.galerkin.form import Galerkin
-    from cpmkit.forms.galerkin.unions.union_form import GalerkinUnion
 
 #: The spacing of a dry run is doubled while it is below this share of the largest side.
 COARSEST_DRY_RUN_SHARE = 1 / 16
@@ -29,13 +29,18 @@ COARSEST_DRY_RUN_SHARE = 1 / 16
 SOLUTION_BYTES_PER_SAMPLE = 50.0
 
 
-def _counts(form: Galerkin | GalerkinUnion) -> dict[str, int]:
+def _forms_of(form: Discretized) -> list[Galerkin]:
+    """Return the forms of the members of each dimension in a union, or the form itself."""
+    return [part.form for part in form.traits.parts] or [cast("Galerkin", form)]
+
+
+def _counts(form: Discretized) -> dict[str, int]:
     """Return the numbers of unknowns, samples, patches, queries (of closest points) and ties (cut facets), by name.
 
     The boundary called NAME has the key ``"boundary NAME"``: its samples.
     """
     counts: Counter[str] = Counter(unknowns=form.size, ties=0)
-    for each in form.forms:
+    for each in _forms_of(form):
         counts["samples"] += each.sampled.interior
         counts["patches"] += len(each.space.dof_map.cells)
         counts["queries"] += each.sampled.queries
@@ -109,7 +114,7 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
             floor_is_bound=form.source_error() > form.source_error(0.0),
         )
 
-    def _parts(self, form: Galerkin | GalerkinUnion, counts: Mapping[str, int]) -> list[Part]:
+    def _parts(self, form: Discretized, counts: Mapping[str, int]) -> list[Part]:
         """Return the parts of the explanation: samples, patches, splines, then levels, ties and boundaries, if any.
 
         ``counts`` has the keys of :func:`_counts`; ``form``, which may be coarser, says how the mesh is cut.
@@ -132,11 +137,11 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
             why = "a first solution shows whether finer splines pay; all counts are those before it"
             parts.append(Part("levels of refine='auto'", f"up to {own.refine_levels}", why))
         if counts["ties"]:
-            has_charts = any(each.sampled.has_charts for each in form.forms)
+            has_charts = any(each.sampled.has_charts for each in _forms_of(form))
             where = "at creases and junctions" + ", and between near parts" * has_charts
             why = f"the mesh is cut {where}: each side has splines of its own, and u is continuous"
             parts.append(Part("ties", f"{counts['ties']:,} facets", why))
-        for each in form.forms:
+        for each in _forms_of(form):
             for boundary, oriented in zip(each.scene.boundaries, each.sampled.oriented, strict=True):
                 why = f"the mesh is cut there, each side has splines of its own: {sides_in_words(boundary)}"
                 why += f"; {oriented.left_description}" if oriented.left_description else ""

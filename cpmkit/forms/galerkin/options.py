@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.forms.galerkin.unions.part_scenes import unsupported_junction
 from cpmkit.forms.options import Options
 from cpmkit.manifold.abilities import has_finite_feet, members_of
 from cpmkit.manifold.local_source import largest_dim
@@ -18,6 +17,7 @@ from cpmkit.mesh.cell_quadrature import SAMPLINGS
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.options import DeclaredOptions, one_of, option
 from cpmkit.scene.diffusivities import StateDiffusivity
+from cpmkit.scene.junction import unsupported_junction
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.scene.scene import Scene
 
@@ -187,6 +187,6 @@ def _has_boundary_in_solid(scene: Scene) -> bool:
 
 def _junction_against(scene: Scene) -> str:
     """Return the junctions that the form takes, where one of the scene's is none of them; "" if all are."""
-    words = unsupported_junction(scene)
+    words = unsupported_junction(scene.surface)
     accepted = "curves in surfaces, surfaces on the boundary of solids, and curves that meet surfaces at points"
     return f"{accepted}; {words}" if words else ""

@@ -11,7 +11,7 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.unions.junctions import ON_SPACINGS, Contact, PointContact, mean_over_circles
-from cpmkit.forms.galerkin.unions.part_scenes import check_radii, scenes_by_dimension
+from cpmkit.forms.galerkin.unions.part_scenes import scenes_by_dimension
 from cpmkit.forms.galerkin.unions.union_form import GalerkinUnion, UnionPart
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import lattice_of
@@ -19,7 +19,7 @@ from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.mixed_dimension import Meeting, meetings_of
 from cpmkit.manifold.vector_algebra import norms
-from cpmkit.scene.junction import JunctionLaw, junction_of
+from cpmkit.scene.junction import JunctionLaw, check_radii, junction_of
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints, Progress
 
@@ -34,7 +34,7 @@ def discretize_union(
 
     All lattices have the same nodes. Raises SceneError if a junction has no law, and the errors of ``discretize``.
     """
-    check_radii(scene)
+    check_radii(scene.surface, scene.junctions)
     options = replace(options, origin=lattice_of(scene.surface, options.spacing, options.origin).origin)
     parts: list[UnionPart] = []
     for numbers, own in scenes_by_dimension(scene):

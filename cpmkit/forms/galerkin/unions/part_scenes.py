@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import SceneError, place
 from cpmkit.manifold.abilities import edge_limit_of, members_of
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.manifold.mixed_dimension import Meeting, is_near, loops_near, meetings_of
-from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.data import is_sequence
 from cpmkit.scene.edge_conditions import EdgeConditions
-from cpmkit.scene.junction import CONTINUOUS, JunctionSide, junction_of
+from cpmkit.scene.junction import CONTINUOUS, JunctionSide
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.special_data import MemberData
 
@@ -28,44 +27,6 @@ CUT_NAME = "junction {}/{}"
 def dimensions_of(surface: ClosestPointSource) -> list[int]:
     """Return the dimensions of the members of a union, ascending."""
     return sorted({largest_dim(member) for member in members_of(surface)})
-
-
-def unsupported_junction(scene: Scene) -> str:
-    """Return in words the first place of a union where members meet in a way that no law covers; "" without one."""
-    members = members_of(scene.surface)
-    for meeting in meetings_of(scene.surface):
-        dims = [largest_dim(members[number]) for number in (meeting.lower, meeting.higher)]
-        pair = f"{_pair_in_words(scene, meeting)} "
-        near = f"near {place(meeting.places[0])}"
-        if meeting.how == "inside":
-            return f"{pair}meet inside the solid, {near}"
-        if meeting.how == "in part":
-            return f"{pair}coincide in part only, {near}: divide the first where it leaves the second"
-        if meeting.how == "along" and dims[0] + 1 != dims[1]:
-            return f"{pair}meet along a curve, {near}, where u has no limit in a solid"
-        if meeting.how == "points" and dims != [1, 2]:
-            return f"{pair}meet, {near}, in a point or along an edge, where u has no limit in a solid"
-    return ""
-
-
-def check_radii(scene: Scene) -> None:
-    """Raise SceneError if a curve meets a surface at a point, and the scene does not give the radius of the curve."""
-    for meeting in meetings_of(scene.surface):
-        law = junction_of(scene.junctions, meeting.lower, meeting.higher)
-        if meeting.how == "points" and law.radius is None:
-            raise SceneError(
-                f"{_pair_in_words(scene, meeting)} meet at a point, near {place(meeting.places[0])}, where u grows "
-                "like the logarithm of the distance: give the radius r of the curve's cross section, "
-                "junctions=ck.Junction(radius=r), or use form='collocation', where the spacing decides what flows."
-            )
-
-
-def _pair_in_words(scene: Scene, meeting: Meeting) -> str:
-    """Return the numbers and kinds of the members of a ``meeting``."""
-    members, dim = members_of(scene.surface), scene.surface.dim
-    dims = [largest_dim(members[number]) for number in (meeting.lower, meeting.higher)]
-    low, high = (MANIFOLD_WORDS[-1 if each == dim else each] for each in dims)
-    return f"members {meeting.lower} ({low}) and {meeting.higher} ({high}) of the union"
 
 
 def scenes_by_dimension(scene: Scene) -> list[tuple[tuple[int, ...], Scene]]:
