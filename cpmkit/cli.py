@@ -181,7 +181,9 @@ def solve(
         f"unknowns   {work.unknowns:,}{ghosts}",
         f"solver     {report.solver}: {report.reason}",
     ]
-    group.print_outcome(solution, written.summary, warnings, head, [], as_json, quiet)
+    modes = written.summary.get("eigenvalues", [])
+    lines = [f"eigenvalues {', '.join(f'{value:.6g}' for value in modes)}"] if modes else []
+    group.print_outcome(solution, written.summary, warnings, head, lines, as_json, quiet)
     written.check()
 
 

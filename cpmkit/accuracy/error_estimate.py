@@ -60,12 +60,13 @@ class ErrorEstimate:
         form = self.solution.discretized
         return bool(form.source_error(0.0) < min(self.floor.max(), form.source_error()))
 
-    def floor_in_words(self, factor: float = 1.0, unit: str = "") -> str:
-        """Return the error due to the source times ``factor``, with "about" or "at most"; "" if it is negligible."""
+    @property
+    def floor_in_words(self) -> str:
+        """The error due to the source in percent, with "about" or "at most"; "" if it is negligible."""
         if self.floor.max() <= NEGLIGIBLE_FLOOR * self.rms.max():
             return ""
         about = "at most" if self.floor_is_bound else "about"
-        return f", beside {about} {factor * self.floor.max():.2g}{unit} that the source leaves"
+        return f", beside {about} {100 * self.floor.max():.2g} percent that the source leaves"
 
     @property
     def coarse(self) -> SolutionRecord:
@@ -102,14 +103,17 @@ class ErrorEstimate:
         return {**arrays, "in_time": self.in_time, "slow": self.slow, "held_against_spacings": spacings}
 
     def __str__(self) -> str:
-        """Return the error, what it rarely exceeds, its place, and the error due to the source in one sentence."""
-        errors = ", ".join(f"{error:.2g}" for error in self.error)
+        """Return the error, what it rarely exceeds, its place and causes in a sentence; of eigenvalues that of each."""
         rms = ", ".join(f"{100 * share:.2g}" for share in self.rms)
-        spacing = self.solution.spacing
+        spacing, slow = self.solution.spacing, f"{'; ' if self.slow else ''}{self.slow}"
+        if self.solution.has_modes:
+            return f"error about {rms} percent of each eigenvalue at spacing {spacing:g}, rarely above twice that{slow}"
+        errors = ", ".join(f"{error:.2g}" for error in self.error)
+        in_time = f" ({100 * self.in_time:.2g} from the steps in time)" if self.in_time else ""
         return (
             f"largest error about {errors} at spacing {spacing:g}, rarely above {float(self.bound.max()):.2g}, "
-            f"near {place(self.at)}; root mean square {rms} percent of the range"
-            f"{self.floor_in_words(100.0, ' percent')}{'; ' if self.slow else ''}{self.slow}"
+            f"near {place(self.at)}; root mean square {rms} percent of the range{in_time}"
+            f"{self.floor_in_words}{slow}"
         )
 
 

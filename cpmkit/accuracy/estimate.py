@@ -86,9 +86,10 @@ def _coarser_solutions(
     try:
         return [solve_at(scene, ratio * spacing)]
     except ResolutionError as error:
+        shorter = "a shorter step, " if scene.problem.family == "time" else ""
         raise ResolutionError(
             f"The error at spacing={spacing:g} is estimated by solving on coarser lattices, the finest at "
-            f"{ratio * spacing:.3g}, which does not work: {error} Use spacing={spacing / 2:.3g} or less, or "
+            f"{ratio * spacing:.3g}, which does not work: {error} Use {shorter}spacing={spacing / 2:.3g} or less, or "
             "estimate=False."
         ) from error
 
@@ -103,13 +104,22 @@ def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
     """Return the error of the steps in time, as a share of the range, from a further solve with twice the step.
 
     ``solve_at`` makes this solve, on the lattice of ``solution``. The error hardly depends on the spacing, so a coarse
-    solution suffices. 0 for equations without time, and if twice the step exceeds the duration.
+    solution suffices. 0 for equations without time, and if twice the step exceeds the duration. Raises ResolutionError,
+    which says that the user's own run is unaffected, if the run with twice the step is refused.
     """
     problem: Any = solution.scene.problem
     if problem.family != "time" or 2 * problem.step > problem.duration:
         return 0.0
     longer: Any = replace(problem, step=2 * problem.step)
-    other = solve_at(replace(solution.scene, problem=longer), solution.spacing)
+    try:
+        other = solve_at(replace(solution.scene, problem=longer), solution.spacing)
+    except ResolutionError as error:
+        why = str(error).partition(":")[0].partition(";")[0].rstrip(".")
+        raise ResolutionError(
+            f"The error of the steps in time is estimated by a run with twice the step, {longer.step:.3g}, and that "
+            f"run failed ({why}). Your own run with step={problem.step:.3g} is unaffected; to have its error, halve "
+            "the step."
+        ) from error
     return float(difference(solution, other).sizes[1].max() / (2 ** order_in_time(problem) - 1))
 
 

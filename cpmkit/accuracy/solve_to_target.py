@@ -58,7 +58,7 @@ class SolveHistory:
         """Return a line for each solve, then the options chosen and the result."""
         lines = [
             f"{step.purpose:<10} spacing {step.spacing:<8.3g} {step.unknowns:>9,} unknowns  {step.seconds:7.2f} s  "
-            f"{'error not yet known' if step.error != step.error else f'error about {step.error:.2g}'}"
+            f"{'error not yet known' if step.error != step.error else f'error about {100 * step.error:.2g} percent'}"
             for step in self.steps
         ]
         return "\n".join([*lines, *([self.chosen] if self.chosen else []), self.summary])
@@ -234,10 +234,12 @@ def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: fl
     target, estimate = run.target, best.estimate
     where = f"at spacing {best.spacing:.3g} with {best.unknowns:,} unknowns"
     size, norm = best.error, {"rms": "root mean square", "max": "largest error"}[target.norm]
-    error = f"{norm} not known {where}" if math.isnan(size) else f"{norm} about {size:.2g} of the range {where}"
+    norm, unit = ("error", "each eigenvalue") if best.solution.has_modes else (norm, "the range")
+    about = "not known" if math.isnan(size) else f"about {100 * size:.2g} percent of {unit}"
+    error = f"{norm} {about} {where}"
     slow = f"; {estimate.slow}" if estimate is not None and estimate.slow else ""
     if estimate is not None and status != "floor":
-        error += estimate.floor_in_words()
+        error += estimate.floor_in_words
     if run.failure is not None:
         why = str(run.failure) or f"memory ran out ({type(run.failure).__name__})."
         return f"{target.target} not reached: {error}{slow}; a further solve was refused: {why}"
@@ -253,7 +255,7 @@ def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: fl
         about = "at most" if estimate is not None and estimate.floor_is_bound else "about"
         return (
             f"tolerance {target.tolerance:g} is below what the surface's representation alone may leave, {about} "
-            f"{aim:.1g} of the range at any spacing: {error}{slow}; give a more accurate surface."
+            f"{100 * aim:.1g} percent of the range at any spacing: {error}{slow}; give a more accurate surface."
             f"{' ' if causes else ''}{causes}"
         )
     if target.tolerance is None:

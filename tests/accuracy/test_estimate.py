@@ -92,3 +92,36 @@ def test_the_step_is_to_be_halved_first_where_it_makes_most_of_the_error(step, f
     assert ("halve the step first" in str(error)) is first
     assert "waves or peaks that the spacing hardly resolves" in error.slow
     assert bool(error.in_time > 0.5 * error.largest[0]) is first
+
+
+def test_a_run_with_twice_the_step_that_fails_leaves_the_solution_and_says_so():
+    """Of a reaction the check of the step repeats the run with twice the step, which may be too long."""
+    reaction = ["20*(0.1 - u1 + u1**2*u2)", "20*(0.9 - u1**2*u2)"]
+    noise = ["1 + 0.01*sin(7*x)", "1 + 0.01*sin(7*y)"]
+    pattern = ck.ReactionDiffusion(noise, reaction, kappa=[0.05, 1.0], until=2.0, step=0.025)
+    solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), pattern), 0.3)
+    assert np.isfinite(solution.values).all()
+    message = (
+        r"a run with twice the step, 0\.05, and that run failed \(The reaction ceased to be finite at time [\d.]+\)"
+    )
+    with pytest.raises(ck.ResolutionError, match=rf"{message}\. Your own run with step=0\.025 is unaffected; .* halve"):
+        _ = solution.error
+
+
+def test_a_printed_estimate_says_what_the_steps_in_time_add():
+    heat = ck.Heat("x", until=1.0, step=0.1)
+    error = ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.3).error
+    assert f" percent of the range ({100 * error.in_time:.2g} from the steps in time)" in str(error)
+    still = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson("x")), 0.3).error
+    assert "in time" not in str(still)
+
+
+def test_printed_errors_of_eigenvalues_are_percentages_of_each_without_a_place():
+    scene = ck.Scene(ck.source("analytic.sphere"), ck.Eigen(3))
+    error = ck.solve(scene, 0.3).error
+    shares = ", ".join(f"{100 * share:.2g}" for share in error.rms)
+    assert str(error) == f"error about {shares} percent of each eigenvalue at spacing 0.3, rarely above twice that"
+    history = ck.solve(scene, tolerance=5e-3).solve_history
+    share = f"{100 * history.error:.2g} percent"
+    assert f"tolerance 0.005 reached: error about {share} of each eigenvalue at spacing" in str(history)
+    assert str(history).splitlines()[-2].endswith(f"error about {share}")

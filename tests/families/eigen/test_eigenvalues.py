@@ -4,13 +4,16 @@ None is missed or made up, and functions belong to them.
 """
 
 import json
+import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from model_problems import on_circle, order_of, origins, rotation, sphere_points
 from scipy.optimize import brentq
 
 import cpmkit as ck
+from cpmkit.cli import main
 
 CIRCLE = ck.source("analytic.circle", center=(0, 0))
 SPHERE = ck.source("analytic.sphere")
@@ -244,3 +247,13 @@ def test_wrong_arguments_are_refused(keys):
 def test_more_eigenvalues_than_unknowns_are_refused():
     with pytest.raises(ck.InputError, match="count=500 is more than the 200 eigenvalues"):
         ck.solve(ck.Scene(CIRCLE, ck.Eigen(count=500)), 0.1)
+
+
+def test_the_command_line_prints_eigenvalues(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "modes.toml").write_text(
+        '[surface]\nkind = "analytic.circle"\n[problem]\nkind = "eigen"\ncount = 3\n[discretization]\nspacing = 0.1\n'
+    )
+    done = CliRunner().invoke(main, ["solve", "modes.toml"])
+    assert done.exit_code == 0, done.output
+    assert re.search(r"^eigenvalues \S+, 1(\.0000\d+)?, 1(\.0000\d+)?$", done.stdout, re.MULTILINE), done.stdout
