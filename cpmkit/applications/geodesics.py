@@ -170,7 +170,8 @@ def geodesic_distance(
     Raises
     ------
     InputError, SceneError
-        If an argument is not accepted, or a boundary of the scene is no barrier; others as prepare and solve do.
+        If an argument is not accepted, a point is over three spacings away from the manifold, or a boundary of the
+        scene is no barrier; others as prepare and solve do.
 
     Notes
     -----
@@ -193,6 +194,7 @@ def geodesic_distance(
 
 def _solve_geodesic_distance(prepared: Prepared, origins: heat.Origins, rounds: int) -> Distance:
     """Return the distance on a prepared scene, by heat and ``rounds`` of transport; warn of pieces without origin."""
+    origins.check_near(prepared.discretized.spacing)
     points = prepared.discretized.points  # a local, so that all fields below share the array
     pieces = heat.pieces_of(prepared)
     straight, reached = _nearest_origins(prepared, origins, pieces, points)

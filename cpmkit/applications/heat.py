@@ -21,6 +21,9 @@ from cpmkit.plugin import ClosestPointSource, Discretized, HasGivenMesh, Terms, 
 from cpmkit.preparing import Prepared
 from cpmkit.types import Bools, Floats, Ints
 
+#: Origins farther from the manifold than so many spacings are refused.
+AWAY_SPACINGS = 3.0
+
 
 @dataclass(frozen=True, eq=False)
 class Origins:
@@ -29,6 +32,15 @@ class Origins:
     surface: ClosestPointSource  #: The manifold.
     points: Floats  #: (k, d): points of the manifold.
     curves: Sequence[ClosestPointSource]  #: Curves in the manifold.
+    gap: float = 0.0  #: The largest distance of a given point from the manifold.
+
+    def check_near(self, spacing: float) -> None:
+        """Raise InputError if a given point is more than three spacings away from the manifold."""
+        if self.gap > AWAY_SPACINGS * spacing:
+            raise InputError(
+                f"an origin is {self.gap:.3g} away from the surface, more than {AWAY_SPACINGS:g} spacings, "
+                f"{AWAY_SPACINGS * spacing:.3g}; move it onto the surface, or check its unit of length."
+            )
 
     def closest_origins(self, points: Floats) -> tuple[Floats, Floats, Ints]:
         """Return straight distances (n,) of ``points`` (n, d) from origins, the nearest points (n, d) and numbers (n,).
@@ -83,9 +95,10 @@ class Origins:
 def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
     """Return origins given as points (k, d) or (d,), numbers of vertices, a source, or a list of these with a source.
 
-    Points are projected on ``surface``. Raises InputError if there are no origins, or an entry is none of these.
+    Points are projected on ``surface``; ``gap`` is how far they are moved. Raises InputError if there are no origins,
+    or an entry is none of these.
     """
-    points, curves = [np.zeros((0, surface.dim))], []
+    points, curves, gap = [np.zeros((0, surface.dim))], [], 0.0
     accepted = f"origins are finite points (k, {surface.dim}), numbers of vertices of a mesh, or sources of curves"
     several = isinstance(origins, Sequence) and any(isinstance(entry, ClosestPointSource) for entry in origins)
     for entry in origins if several else [origins]:
@@ -103,11 +116,13 @@ def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
             raise InputError(f"{accepted}, got {shown(entry)}.") from error
         if array.ndim != 2 or array.shape[1] != surface.dim or not np.isfinite(array).all():
             raise InputError(f"{accepted}, got {shown(entry)}.")
-        points.append(surface.closest_point(array).points)
+        feet = surface.closest_point(array)
+        points.append(feet.points)
+        gap = max(gap, float(feet.distance.max(initial=0.0)))
     every = np.concatenate(points)
     if not len(every) and not curves:
         raise InputError("a distance needs origins: give points or the source of a curve.")
-    return Origins(surface, every, curves)
+    return Origins(surface, every, curves, gap)
 
 
 def _are_vertex_numbers(numbers: Any, surface: ClosestPointSource) -> bool:

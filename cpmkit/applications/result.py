@@ -19,6 +19,7 @@ from cpmkit.plugin import Discretized
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.deprecation import DeprecatedMember
+from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.scenefile.look import LookKeywords, SavingKeywords
 from cpmkit.solution.display_mesh import values_at_vertices
 from cpmkit.types import Floats, Ints
@@ -120,6 +121,11 @@ class Result(ABC):
 
     solution: Solution  #: The solution that is read, saved and drawn.
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of the solution."""
+        return self.solution.warnings
+
     @abstractmethod
     def evaluate(self, points: Any) -> Floats:
         """Return the values (n,) or (n, channels) of the result at the points of the manifold nearest to ``points``."""
@@ -209,8 +215,12 @@ def measure_to_target(
     beside: WeakKeyDictionary[Discretized, MeasuredResult] = WeakKeyDictionary()
     made: MeasuredResult | None = None
     if not target or spacing is not None or isinstance(surface, Prepared):
-        prepared = prepare_manifold(surface, spacing, options)
-        made = measure(prepared)
+        try:
+            with collected_warnings() as issued:  # several systems are solved, with equal warnings
+                prepared = prepare_manifold(surface, spacing, options)
+                made = measure(prepared)
+        finally:
+            warn_each(issued, stacklevel=3)
         scene, every = prepared.scene, prepared.options.as_dict() if prepared.options else {}
         others = {name: value for name, value in every.items() if name not in ("spacing", "origin")}
         others |= {"form": prepared.discretized.form}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from typing import Any
 
@@ -198,3 +199,22 @@ def test_the_distance_at_vertices_is_that_of_evaluate_in_their_order_and_is_save
     assert np.load(tmp_path / "smooth.npz")["values"].min() > 0.01  # the solution is smooth at the origin
     with pytest.raises(InputError, match="was not made from vertices"):
         geodesic_distance(_sphere(0.4), [0, 0, 1], method="heat").save(tmp_path / "own.ply", vertices="own")
+
+
+@pytest.mark.parametrize("origins", [[0, 0, 2], [[[0, 0, 2]], EQUATOR]])
+def test_an_origin_far_from_the_surface_is_refused(origins):
+    with pytest.raises(InputError, match=r"an origin is 1 away from the surface, more than 3 spacings, 0\.9; move it"):
+        geodesic_distance(SPHERE, origins, spacing=0.3)
+    assert geodesic_distance(SPHERE, [0, 0, 1.5], spacing=0.3, method="heat").evaluate([[0, 0, 1]]) == 0
+
+
+def test_each_warning_of_a_distance_is_issued_once_and_stays_with_it():
+    pieces = ck.source("union", members=[SPHERE, ck.source("analytic.sphere", center=[4, 0, 0], radius=0.2)])
+    with warnings.catch_warnings(record=True) as issued:
+        warnings.simplefilter("always")
+        distance = geodesic_distance(pieces, [0, 0, 1], spacing=0.3)
+    said = [str(warning.message) for warning in issued]
+    assert len(said) == len(set(said)) > 1
+    assert set(distance.warnings) <= set(said)
+    assert any("1 of 2 pieces" in sentence for sentence in distance.warnings)
+    assert all(warning.filename == __file__ for warning in issued)
