@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
+from cpmkit.errors import InputError, place, shown
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Codes
 from cpmkit.manifold.abilities import HasMesh
@@ -28,11 +28,13 @@ from cpmkit.mesh.mixed_cells import (
     mesh_method,
     refine_mixed_cells,
 )
+from cpmkit.runtime.messages import warn_each
 from cpmkit.scene.boundary import boundary_number
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Value
 from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS, evaluate_on_sides, project_onto_boundaries
 from cpmkit.solution.record import SolutionRecord
-from cpmkit.types import Floats, Ints, Side
+from cpmkit.types import SIDES, Floats, Ints, Side
 
 #: An integrand: a number, or a function of points (n, d) and the solution there, (n,) or (n, channels).
 Integrand = float | Callable[[Floats, Floats], Any]
@@ -117,6 +119,8 @@ BUMP_WIDTH_SPACINGS = 3.0
 BUMP_POWER = 4  #: The bump is (1 - r^2)^POWER, r in widths.
 #: Points of a rim are the closest points of points this share of a spacing beyond the mesh.
 BEYOND_RIM_SPACINGS = 0.25
+#: Values on the two sides of a boundary are different if they differ by this share of the largest of them.
+DIFFERENT_SHARE = 0.01
 
 
 def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> tuple[Floats, Floats]:
@@ -213,8 +217,9 @@ def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, poi
             "flux_density is that of a boundary with two sides, got 'edge'; solution.flux('edge') is the flux through "
             "the edge, and solution.gradient(points) the gradient there."
         )
-    boundary_number(boundaries, boundary)  # a wrong name is refused before a missing side
+    number = boundary_number(boundaries, boundary)  # a wrong name is refused before a missing side
     density = solution.discretized.conormal_derivative(solution.values, points, boundary, _check_side(boundary, side))
+    _warn_of_infinite_flux(solution, number)
     return density[:, 0] if solution.channels == 1 else density
 
 
@@ -235,12 +240,48 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
     else:
         name = str(boundary)
         number, checked = boundary_number(scene.boundaries, name), _check_side(name, side)
+        _warn_of_infinite_flux(solution, number)
         total = form.flux(solution.values, name, checked, solution.data_time)
         if total is None:
             source = scene.boundaries[number].source
             points, weights = boundary_rule(source, scene.surface, solution.spacing)
             total = weights @ form.conormal_derivative(solution.values, points, name, checked)
     return float(total[0]) if solution.channels == 1 else np.asarray(total)
+
+
+def _warn_of_infinite_flux(solution: SolutionRecord, number: int) -> None:
+    """Warn if boundary ``number`` ends inside the surface with different values on its sides.
+
+    du/db of either side is then one over the distance from the end, with opposite signs. The warning belongs to the
+    caller of the method of the solution that reads the flux.
+    """
+    scene, spacing = solution.scene, solution.spacing
+    boundary = scene.boundaries[number]
+    source = boundary.source
+    laws = [law for side in SIDES if isinstance(law := boundary.condition(side).law, Value)]
+    is_curve = scene.surface.manifold_dim == 2 and source.manifold_dim == 1
+    if len(laws) < len(SIDES) or not is_curve or not isinstance(source, HasMesh):
+        return
+    points, cells = source.mesh(spacing)
+    rim = rim_of_vertices(Mesh.of(points, cells_with_corners(cells, 2)))
+    if not len(rim.rows):
+        return
+    on_rim = scene.surface.closest_point(points[rim.rows] + BEYOND_RIM_SPACINGS * spacing * unit(rim.outward)).edge >= 0
+    others = [other.source for other in scene.boundaries if other is not boundary]
+    apart = [other.closest_point(points[rim.rows]).distance > BEYOND_RIM_SPACINGS * spacing for other in others]
+    at = scene.surface.closest_point(points).points
+    values = [evaluate_data(law.datum, at, scene.channels, "a value", solution.data_time) for law in laws]
+    jump = np.abs(values[0] - values[1]).max(axis=1)[rim.rows]
+    infinite = np.logical_and.reduce([~on_rim, *apart, jump > DIFFERENT_SHARE * np.abs(values).max()])
+    if infinite.any():
+        warn_each(
+            [
+                f"The flux of each side of boundary {boundary.name!r} is infinite, since the sides have different "
+                f"values at its end near {place(at[rim.rows][infinite][0])}, and its number depends on the spacing; "
+                "only the sum of both sides is finite."
+            ],
+            stacklevel=4,
+        )
 
 
 def _check_side(boundary: str, side: Side | None) -> Side:

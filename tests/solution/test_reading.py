@@ -1,5 +1,7 @@
 """A solution is read anywhere on the manifold, from the side that is asked for."""
 
+import warnings
+
 import numpy as np
 import pytest
 from model_problems import circle_jump, on_circle, sphere_points
@@ -100,3 +102,34 @@ def test_both_solvers_agree():
     scene, points, _ = circle_jump()
     direct = ck.solve(scene, 0.05, solver="direct").evaluate(points)
     np.testing.assert_allclose(ck.solve(scene, 0.05, solver="reference").evaluate(points), direct, atol=1e-6)
+
+
+@pytest.mark.parametrize("form", ["galerkin", "collocation"])
+def test_the_flux_of_a_side_whose_end_has_two_values_is_reported_as_infinite(form):
+    """At an end with one value on both sides it is finite, and a curve from edge to edge has no end."""
+    ball = ck.source("analytic.sphere")
+    slit = ck.source("analytic.arc", center=[0, 0, 0], radius=1.0, normal=[1, 0, 0], start=0.3, end=1.5)
+    arc = ck.source("analytic.arc", center=[0, 0, 0], radius=1.0, normal=[1, 0, 0], start=0.0, end=np.pi)
+    cap = ck.source("analytic.cap", height=0.0)
+    bump = ck.Dirichlet(f"1 + (y - {np.cos(0.3):.17g})*(y - {np.cos(1.5):.17g})")
+    for surface, curve, left, infinite in (
+        (ball, slit, ck.Dirichlet(-1.0), True),
+        (ball, slit, bump, False),
+        (ball, slit, ck.Neumann(0.0), False),
+        (cap, arc, ck.Dirichlet(-1.0), False),
+    ):
+        cut = ck.Boundary("cut", curve, left=left, right=ck.Dirichlet(1.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ck.CpmkitWarning)
+            solution = ck.solve(ck.Scene(surface, ck.ScreenedPoisson(0.0), [cut]), 0.2, form=form)
+        for read in (
+            lambda solution=solution: solution.flux("cut", "left"),
+            lambda solution=solution: solution.flux_density("cut", "left", [[0.0, 0.8, 0.6]]),
+        ):
+            with warnings.catch_warnings(record=True) as issued:
+                warnings.simplefilter("always")
+                read()
+            assert len(issued) == infinite
+            for warning in issued:
+                assert "The flux of each side of boundary 'cut' is infinite" in str(warning.message)
+                assert warning.filename == __file__
