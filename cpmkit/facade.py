@@ -72,6 +72,13 @@ class Solution(SolutionRecord):
         return picture(self, path, **options)
 
     @document_look
+    def animate(self, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:
+        """Write the frames as a film; see :func:`cpmkit.view.pictures.animate` for suffixes, defaults and errors."""
+        from cpmkit.view.pictures import animate
+
+        return animate(self, path, fps, **options)
+
+    @document_look
     def plot(self, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
         """Draw the solution on matplotlib axes, by default a new figure 900 pixels wide, and return them."""
         from cpmkit.view.showing import plot
@@ -156,13 +163,6 @@ class EvolvedSolution(Solution, EvolvedRecord):
     """The solution of an equation in time at one time, which is evaluated, saved and drawn like any other."""
 
     frames: tuple[EvolvedSolution, ...] = field(default=(), kw_only=True)
-
-    @document_look
-    def animate(self, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:
-        """Write the frames as a film; see :func:`cpmkit.view.pictures.animate` for suffixes, defaults and errors."""
-        from cpmkit.view.pictures import animate
-
-        return animate(self, path, fps, **options)
 
 
 def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, closed: bool = False) -> Floats:

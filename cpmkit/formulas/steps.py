@@ -111,6 +111,8 @@ def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
     hint = did_you_mean(word, available) if word not in available else ""
     pieces = isinstance(node, ast.Call | ast.IfExp) and not hint
     remedy = "; for two pieces write (z > 0.3)*A + (z <= 0.3)*B" if pieces else ""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitXor):
+        return "uses ^ in {part}; write ** for ^."
     return f"uses {{part}}{hint}; offered are + - * / ** % < > and {', '.join(available)}{remedy}."
 
 

@@ -66,6 +66,8 @@ LATTICE_ARRAYS = (
 ANY_TABLE = table_of(ANYTHING)
 #: Version of the arrays in a .npz; :func:`cpmkit.load` reads no other.
 FORMAT_VERSION = 1
+#: Suffixes of pictures, which are not saved but drawn.
+PICTURES = (".png", ".jpg", ".jpeg", ".svg", ".pdf")
 #: Suffixes of films, of interactive pages, and all accepted suffixes.
 FILMS, PAGE = (".gif", ".mp4"), ".html"
 SUFFIXES = (*MESH_WRITERS, ".json", ".pvd", *FILMS, PAGE)
@@ -250,7 +252,8 @@ def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "d
     suffix = path.suffix.lower()
     check_one_of(vertices, VERTICES, "vertices")
     if suffix not in SUFFIXES:
-        raise InputError(f"A solution cannot be saved as {path.name!r}; accepted are {', '.join(SUFFIXES)}.")
+        picture = " solution.picture(path) draws a .png;" if suffix in PICTURES else ""
+        raise InputError(f"A solution cannot be saved as {path.name!r};{picture} accepted are {', '.join(SUFFIXES)}.")
     if suffix == ".json" or (suffix == ".npz" and vertices == "display"):
         return
     if suffix in MESH_WRITERS and vertices == "own":

@@ -7,14 +7,16 @@ All are written with -Lap, so that diffusion is a positive operator: ``laplace``
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.runtime.arrays import not_negative, number, positive
+from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import Data, ScalarData, TensorData, read_formulas
 from cpmkit.scene.diffusivities import as_diffusivity
@@ -105,6 +107,18 @@ class Equation(Generic[Family]):
     factorise_beside_multigrid: ClassVar[float | None] = None
     #: Advice in the error message about a condition that is not accepted.
     accepted: ClassVar[str] = "use Dirichlet, Neumann or Robin"
+
+    def __new__(cls, *_: Any, **keys: Any) -> Self:
+        """Return an equation whose fields are not set yet; raise SceneError for a key that is none of its fields."""
+        accepted = inspect.signature(cls.__init__).parameters if keys else {}
+        unknown = next((key for key in keys if key not in accepted), None)
+        if unknown is not None and all(each.kind is not each.VAR_KEYWORD for each in accepted.values()):
+            names = list(accepted)[1:]
+            raise SceneError(
+                f"{cls.__name__} has the unknown key {shown(unknown)}{did_you_mean(unknown, names)}; accepted are "
+                f"{', '.join(names)}."
+            )
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         """Replace formulas by functions, and check the fields by their declared types.

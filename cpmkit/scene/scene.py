@@ -15,7 +15,7 @@ from cpmkit.manifold.source import ClosestPointSource, check_source
 from cpmkit.runtime.messages import html_table
 from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary, BoundarySet, as_boundary
 from cpmkit.scene.conditions import Condition, Neumann, as_condition, same_condition
-from cpmkit.scene.data import Data, Functional, evaluate_data, takes_time
+from cpmkit.scene.data import Data, FieldOfEntries, Functional, evaluate_data, takes_time
 from cpmkit.scene.edge_conditions import (
     EdgeConditions,
     EdgeInput,
@@ -136,6 +136,12 @@ class Scene(Generic[Family]):
         if shape not in ((), (dim, dim)):
             raise SceneError(
                 f"the diffusivity is a tensor of shape {shape} where the manifold lies in {dim}D; give ({dim}, {dim})."
+            )
+        velocity = self.problem.terms().velocity
+        if isinstance(velocity, FieldOfEntries) and len(velocity.entries) != dim:
+            raise SceneError(
+                f"the velocity has {len(velocity.entries)} entries where the manifold lies in {dim}D; give {dim} "
+                "entries, one for each coordinate."
             )
         assert self.channels
 

@@ -12,7 +12,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.manifold.abilities import HasValues, members_of
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.arrays import as_points, number
-from cpmkit.scene.data import Data, Functional, evaluate_data, is_zero
+from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, is_zero
 from cpmkit.scene.diffusivities import TENSOR_SHAPES
 from cpmkit.types import Floats
 
@@ -82,67 +82,14 @@ class VertexData:
         return values
 
 
-@dataclass(frozen=True, eq=False)
-class MemberData:
-    """A function of points that has a value, or a function of points, for each member of a union.
-
-    Parameters
-    ----------
-    source : ClosestPointSource
-        The union.
-    values : sequence
-        A number or a function of points for each member, in their order.
-
-    Raises
-    ------
-    InputError
-        If there is not one value for each member.
-
-    Examples
-    --------
-    >>> import cpmkit as ck
-    >>> parts = [ck.source("analytic.circle"), ck.source("analytic.segment", start=[1, 0], end=[3, 0])]
-    >>> both = ck.source("union", members=parts)
-    >>> ck.MemberData(both, [1.0, lambda x: 10 * x[:, 0]])([[0, 1], [2, 0]])
-    array([ 1., 20.])
-    """
-
-    source: ClosestPointSource
-    values: Sequence[Any]
-
-    def __post_init__(self) -> None:
-        """Raise InputError if there is not one value for each member."""
-        count = len(members_of(self.source))
-        if not isinstance(self.values, Sequence) or len(self.values) != count:
-            raise InputError(
-                f"values must be a list with one entry for each of {count} members, got {shown(self.values)}."
-            )
-
-    def __call__(self, points: Floats) -> Floats:
-        """Return the data (n,) or (n, channels) at ``points`` (n, d): those of the member with the closest point."""
-        points = np.ascontiguousarray(points, dtype=np.float64)
-        element = self.source.closest_point(points).element
-        number = np.zeros(len(points), dtype=np.int64) if element is None or len(self.values) == 1 else element
-        columns = [
-            evaluate_data(value, points[number == k], None, f"data of member {k}")
-            for k, value in enumerate(self.values)
-        ]
-        found = np.empty((len(points), max(each.shape[1] for each in columns)))
-        for k, each in enumerate(columns):
-            found[number == k] = each
-        return found if found.shape[1] > 1 else found[:, 0]
-
-    def of_members(self, numbers: Sequence[int], source: ClosestPointSource) -> Any:
-        """Return the data of the members with these ``numbers``, of which ``source`` is the union."""
-        chosen = [self.values[number] for number in numbers]
-        return chosen[0] if len(chosen) == 1 else MemberData(source, chosen)
+from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, is_zero
 
 
 class VertexArrays:
     """Replaces arrays that have one row for each vertex of a surface by :class:`VertexData`.
 
-    A list or tuple has one entry for each channel. An array of NumPy has one row for each vertex if it has as many rows
-    as the surface has vertices; a short array has one entry for each channel.
+    A list or tuple has one entry for each channel, of which at most 16 are numbers. An array of NumPy has one row for
+    each vertex if it has as many rows as the surface has vertices; a short array has one entry for each channel.
     """
 
     def __init__(self, surface: ClosestPointSource) -> None:
@@ -155,7 +102,8 @@ class VertexArrays:
         """Return an equation or condition with arrays replaced by vertex data; an object without arrays is unchanged.
 
         The result is cached by the object. Raises SceneError if an array, no tensor, has neither one row per vertex nor
-        at most 16 rows, or may be either, InputError if values are not finite; ``label`` names the object in messages.
+        at most 16 rows, or may be either, or a list has more than 16 numbers; InputError if values are not finite.
+        ``label`` names the object in messages.
         """
         if not hasattr(instance, "__dataclass_fields__"):
             return instance
@@ -172,6 +120,11 @@ class VertexArrays:
 
         Raises SceneError or InputError as :meth:`replace_arrays`; ``label`` is the name of the array in messages.
         """
+        if is_sequence(array) and len(array) > MOST_CHANNELS and not any(map(callable, array)):
+            raise SceneError(
+                f"{label} is a list of {len(array)} entries, and a list has one entry for each channel; give values at "
+                "vertices as an array of NumPy, or as ck.VertexData(surface, values)."
+            )
         if not isinstance(array, np.ndarray) or array.ndim == 0 or array.shape in TENSOR_SHAPES:
             return array
         if len(array) == self.count:
@@ -181,7 +134,7 @@ class VertexArrays:
                     "as many channels; give a list of channels, or ck.VertexData(surface, values)."
                 )
             return VertexData(self.surface, array)
-        if len(array) > 16:  # more than any channels
+        if len(array) > MOST_CHANNELS:
             known = "carries no values" if self.count is None else f"has {self.count} vertices"
             raise SceneError(
                 f"{label} is an array of shape {array.shape}, and the surface {known}; give one row a vertex, a "

@@ -81,7 +81,7 @@ def frames_of(solution: SolutionRecord, label: str) -> tuple[EvolvedRecord, ...]
     frames = solution.frames if isinstance(solution, EvolvedRecord) else ()
     if not frames:
         raise InputError(
-            f"{label} needs frames, and the solution has none; request them from the problem, such as "
+            f"{label} needs frames, and the solution has none; request them from a problem in time, such as "
             "Heat(..., frames=10)."
         )
     return frames

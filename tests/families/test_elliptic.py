@@ -199,6 +199,7 @@ def test_the_normal_part_of_a_velocity_carries_nothing(form, bound):
         ({"diffusivity": lambda x: np.where(x[:, 0] > 0, np.nan, 1.0)}, "diffusivity must be finite"),
         ({"diffusivity": lambda x: x}, "diffusivity has 2 channels"),
         ({"velocity": lambda x: x[:, 0]}, r"velocity must be vectors of shape \(n, 2\)"),
+        ({"velocity": [1, "x", 0]}, "the velocity has 3 entries where the manifold lies in 2D; give 2"),
         ({"velocity": lambda x: np.full((len(x), 2), np.inf)}, "velocity must be finite"),
         ({"c": lambda x: x[:-1, 0]}, "factor c must give shape"),
     ],

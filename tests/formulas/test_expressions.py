@@ -99,6 +99,7 @@ def test_a_sum_of_thousands_of_terms_is_a_sum():
     ("text", "message"),
     [
         ("where(x > 0.3, 1, y)", r"hypot; for two pieces write \(z > 0\.3\)\*A \+ \(z <= 0\.3\)\*B\.$"),
+        ("x^2 + y", r"uses \^ in 'x\^2 \+ y'; write \*\* for \^\.$"),
         ("1" * 400, "a number|the number"),
         ("1" * 5000, "too many digits"),
         ("1e999", "beyond 1.8e308"),

@@ -237,6 +237,12 @@ def test_an_unknown_key_of_a_kind_names_the_accepted_ones():
     one_sentence(error, "'radius'", "major, minor")
 
 
+def test_an_unknown_key_of_an_equation_names_the_accepted_ones():
+    with pytest.raises(ck.SceneError) as error:
+        ck.Heat("x", until=1.0, step=0.1, velocities=[1, 0, 0])
+    one_sentence(error, "Heat has the unknown key 'velocities' (did you mean 'velocity'?)", "initial, until, step")
+
+
 def test_what_is_no_source():
     with pytest.raises(ck.InputError, match="must be a closest point source"):
         sphere_scene(surface=lambda x: x)

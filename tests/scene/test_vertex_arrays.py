@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
+from cpmkit.errors import SceneError
 
 pandas = pytest.importorskip("pandas")
 VERTICES, FACES = ck.source("analytic.sphere").mesh(0.4)
@@ -51,7 +52,7 @@ def test_both_sides_with_one_array_need_no_left():
     assert kept.left is kept.right
 
 
-@pytest.mark.parametrize("channels", [[0.1, 0.2, 0.3], np.array([0.1, 0.2, 0.3]), HEIGHT.tolist()])
+@pytest.mark.parametrize("channels", [[0.1, 0.2, 0.3], np.array([0.1, 0.2, 0.3]), [0.1] * 16])
 def test_lists_and_short_arrays_are_channels(channels):
     assert ck.Scene(MESH, ck.ScreenedPoisson(channels)).channels == len(channels)
 
@@ -103,3 +104,12 @@ def test_arrays_of_any_kind_are_shortened_in_messages():
             ck.source("analytic.sphere", radius=value)
         assert len(str(refused.value).splitlines()) == 1
         assert f"{type(value).__name__} of shape {value.shape}" in str(refused.value)
+
+
+@pytest.mark.parametrize("surface", [MESH, ck.source("analytic.sphere")])
+def test_a_long_list_of_numbers_is_no_list_of_channels(surface):
+    """One number a vertex in a list would become as many channels."""
+    with pytest.raises(SceneError, match=r"f of screened is a list of 17 entries, .* as an array of NumPy, or"):
+        ck.Scene(surface, ck.ScreenedPoisson([1.0] * 17))
+    many = [lambda x, k=k: x[:, 0] + k for k in range(17)]
+    assert ck.Scene(surface, ck.ScreenedPoisson(many)).channels == 17

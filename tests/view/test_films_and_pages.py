@@ -80,6 +80,10 @@ def test_a_film_needs_frames(tmp_path):
     still = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0)), 0.3)
     with pytest.raises(InputError, match="a film needs frames, and the solution has none"):
         still.save(tmp_path / "film.gif")
+    with pytest.raises(InputError, match="request them from a problem in time, such as Heat"):
+        still.animate(tmp_path / "film.gif")
+    with pytest.raises(InputError, match=r"cannot be saved as 'a\.png'; solution\.picture\(path\) draws a \.png; "):
+        still.save(tmp_path / "a.png")
 
 
 def read(page):

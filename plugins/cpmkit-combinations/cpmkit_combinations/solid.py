@@ -184,9 +184,10 @@ def _outward_sign(part: ClosestPointSource) -> float:
     Raise InputError if it is no closed hypersurface with normals, or in the plane with tangents.
     """
     if part.manifold_dim != part.dim - 1:
+        advice = "unite surfaces, such as a faceted mesh of a box, not solids" if part.manifold_dim == part.dim else ""
         raise InputError(
             f"A solid is enclosed by a closed curve in the plane or a closed surface in space, got a manifold of "
-            f"dimension {part.manifold_dim} in {part.dim}D."
+            f"dimension {part.manifold_dim} in {part.dim}D{'; ' if advice else ''}{advice}."
         )
     if not (isinstance(part, HasNormals) or (part.dim == 2 and isinstance(part, HasTangents))):
         raise InputError(

@@ -10,6 +10,7 @@ from cpmkit.plugin import HasMesh, HasNormals, HasTangents, HasTranslation, HasV
 CIRCLE = ck.source("analytic.circle")
 SPHERE = ck.source("analytic.sphere")
 SEGMENT = ck.source("analytic.segment", start=[1.0, 0, 0], end=[3.0, 0, 0])
+BOX = ck.source("analytic.box", lower=[0, 0, 0], upper=[1, 1, 1])
 QUERIES = np.random.default_rng(0).normal(size=(500, 3)) * 2
 
 
@@ -127,7 +128,8 @@ def test_the_sides_of_a_box_are_its_edges():
         ("moved", {"of": 3}, "the source to move must be a closest point source"),
         ("moved", {"of": SPHERE, "scale": 0}, "scale must be a finite number above zero"),
         ("moved", {"of": CIRCLE, "rotation": [0, 0, 1]}, "rotation must be an angle"),
-        ("solid", {"of": SEGMENT}, "dimension 1 in 3D"),
+        ("solid", {"of": SEGMENT}, r"dimension 1 in 3D\.$"),
+        ("solid", {"of": BOX}, "dimension 3 in 3D; unite surfaces, such as a faceted mesh of a box, not solids"),
         ("solid", {"of": ck.source("analytic.cap")}, "is open and encloses nothing"),
         ("solid", {"of": ck.source("pointcloud.points", points=SPHERE.mesh(0.2)[0])}, "no normals"),
         ("analytic.box", {"lower": [0, 0], "upper": [1, 0]}, "upper must be above lower"),

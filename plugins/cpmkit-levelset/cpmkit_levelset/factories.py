@@ -53,6 +53,10 @@ def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEF
         Cells of the lattice of samples along the longest side, 8 to 512; thinner parts or gaps may be overlooked.
     """
     box = as_box(bounds)
+    if callable(phi) and not hasattr(phi, "free_symbols"):
+        raise InputError(
+            f"phi of levelset.expression must be a formula, got {shown(phi)}; levelset.callable takes functions."
+        )
     text = str(phi) if hasattr(phi, "free_symbols") else phi  # SymPy writes formulas as scene files do
     return _build_level_set(formula_field(text, box.shape[1], "phi"), trim, box, resolution)
 

@@ -25,7 +25,10 @@ def squares(p):
         ({"phi": "floor(x) + z", "bounds": BOX}, "'floor.*' in|phi uses 'floor.*which jumps"),
         ({"phi": "x % 1 - y", "bounds": BOX}, "phi uses 'x % 1'"),
         ({"phi": "3", "bounds": BOX}, "phi must depend on x, y, z"),
-        ({"phi": squares, "bounds": BOX}, "phi must be a formula"),
+        (
+            {"phi": squares, "bounds": BOX},
+            "expression must be a formula, .*; levelset.callable takes functions",
+        ),
         ({"phi": BALL, "bounds": [1, 2, 3]}, "bounds must be two corners"),
         ({"phi": BALL, "bounds": "wide"}, "bounds must be two corners"),
         ({"phi": BALL, "bounds": BOX[::-1]}, "bounds must hold the lower corner"),
