@@ -240,12 +240,12 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
     else:
         name = str(boundary)
         number, checked = boundary_number(scene.boundaries, name), _check_side(name, side)
-        _warn_of_infinite_flux(solution, number)
         total = form.flux(solution.values, name, checked, solution.data_time)
         if total is None:
             source = scene.boundaries[number].source
             points, weights = boundary_rule(source, scene.surface, solution.spacing)
             total = weights @ form.conormal_derivative(solution.values, points, name, checked)
+        _warn_of_infinite_flux(solution, number)
     return float(total[0]) if solution.channels == 1 else np.asarray(total)
 
 
