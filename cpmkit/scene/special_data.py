@@ -82,7 +82,64 @@ class VertexData:
         return values
 
 
-from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, is_zero
+#: Lists and arrays of more numbers than this are not one number for each channel.
+MOST_CHANNELS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class MemberData:
+    """A function of points that has a value, or a function of points, for each member of a union.
+
+    Parameters
+    ----------
+    source : ClosestPointSource
+        The union.
+    values : sequence
+        A number or a function of points for each member, in their order.
+
+    Raises
+    ------
+    InputError
+        If there is not one value for each member.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> parts = [ck.source("analytic.circle"), ck.source("analytic.segment", start=[1, 0], end=[3, 0])]
+    >>> both = ck.source("union", members=parts)
+    >>> ck.MemberData(both, [1.0, lambda x: 10 * x[:, 0]])([[0, 1], [2, 0]])
+    array([ 1., 20.])
+    """
+
+    source: ClosestPointSource
+    values: Sequence[Any]
+
+    def __post_init__(self) -> None:
+        """Raise InputError if there is not one value for each member."""
+        count = len(members_of(self.source))
+        if not isinstance(self.values, Sequence) or len(self.values) != count:
+            raise InputError(
+                f"values must be a list with one entry for each of {count} members, got {shown(self.values)}."
+            )
+
+    def __call__(self, points: Floats) -> Floats:
+        """Return the data (n,) or (n, channels) at ``points`` (n, d): those of the member with the closest point."""
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        element = self.source.closest_point(points).element
+        number = np.zeros(len(points), dtype=np.int64) if element is None or len(self.values) == 1 else element
+        columns = [
+            evaluate_data(value, points[number == k], None, f"data of member {k}")
+            for k, value in enumerate(self.values)
+        ]
+        found = np.empty((len(points), max(each.shape[1] for each in columns)))
+        for k, each in enumerate(columns):
+            found[number == k] = each
+        return found if found.shape[1] > 1 else found[:, 0]
+
+    def of_members(self, numbers: Sequence[int], source: ClosestPointSource) -> Any:
+        """Return the data of the members with these ``numbers``, of which ``source`` is the union."""
+        chosen = [self.values[number] for number in numbers]
+        return chosen[0] if len(chosen) == 1 else MemberData(source, chosen)
 
 
 class VertexArrays:
