@@ -1,4 +1,4 @@
-"""Evaluation on a solid: the patch of a point inside, and data at Gauss points outside by reflection at the skin."""
+"""Evaluation on a solid: the patch of a point inside, and data at Gauss points outside, extended from the inside."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ from cpmkit.forms.galerkin.solids.solid_sampling import SampledSolid
 from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.vector_algebra import unit
+from cpmkit.mesh.solid_moments import MOMENTS
 from cpmkit.runtime.compilation import compiled
 from cpmkit.scene.data import evaluate_data, is_sequence
 from cpmkit.types import Floats, Ints, Side
 
 #: Points on the skin are moved inside by this distance, in spacings, to find their patch.
 PROBE_SPACINGS = 1e-6
+#: Polynomials are fitted on so many patches at a time, to bound the memory of the fits.
+FITTED_PATCHES = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,9 @@ class SolidCoefficients(SampleCoefficients):
     """Coefficients at the samples of a solid, some of which are Gauss points of cut cells outside.
 
     There f is 2 f(foot) - f(2 foot - x), with the closest point of x as foot, so that functions are only evaluated on
-    the solid; positive coefficients are f(foot)^2 / f(2 foot - x).
+    the solid; positive coefficients are f(foot)^2 / f(2 foot - x). In a thin patch the mirror image 2 foot - x may lie
+    outside too, and weights have both signs: f is replaced by a polynomial there, whose integral over the solid is
+    exact however thin it is.
     """
 
     sampled: SampledSolid
@@ -76,11 +81,12 @@ class SolidCoefficients(SampleCoefficients):
         return np.flatnonzero(inside)
 
     @cached_property
-    def outside(self) -> tuple[Ints, Floats, Floats]:
-        """The samples (k,) outside, their feet (k, d), and their mirror images (k, d), in the scene's coordinates.
+    def outside(self) -> tuple[Ints, Floats, Floats, Ints]:
+        """The samples (k,) outside, their feet and mirror images (k, d) in the scene's coordinates, and thin patches.
 
         Outside is outside the patch of the sample and those that touch it: f may differ on both sides of a thin gap.
-        There the foot is the nearest sample on the skin of the patch.
+        There the foot is the nearest sample on the skin of the patch. A mirror image outside is moved to the solid; the
+        patches (t,) of such samples are thin.
         """
         sampled = self.sampled
         own = sampled.samples.cell[: sampled.interior]
@@ -91,11 +97,13 @@ class SolidCoefficients(SampleCoefficients):
         foreign = self._foreign(own, foot, foot - points) if sampled.has_near_parts else np.zeros(0, dtype=np.int64)
         foot[foreign] = self._nearest_on_skin(own[foreign], points[foreign])
         out = np.union1d(np.flatnonzero(feet.edge >= 0), foreign)
-        mirror = sampled.surface.closest_point(2 * foot[out] - points[out]).points
+        mirrored = sampled.surface.closest_point(2 * foot[out] - points[out])
+        mirror, is_thin = mirrored.points.copy(), mirrored.distance > PROBE_SPACINGS * sampled.lattice.spacing
         if len(foreign):
             far = self._foreign(own[out], mirror, foot[out] - mirror)
-            mirror[far] = foot[out[far]]
-        return rows[out], sampled.lattice.to_scene(foot[out]), sampled.lattice.to_scene(mirror)
+            mirror[far], is_thin[far] = foot[out[far]], True
+        thin = np.unique(own[out[is_thin]])
+        return rows[out], sampled.lattice.to_scene(foot[out]), sampled.lattice.to_scene(mirror), thin
 
     def _foreign(self, own: Ints, points: Floats, inward: Floats) -> Ints:
         """Return which points (n, d) of the solid lie in no patch that is or touches their ``own`` (n,) patch.
@@ -136,36 +144,74 @@ class SolidCoefficients(SampleCoefficients):
         def evaluate(points: Floats) -> Floats:
             return evaluate_data(data, points, channels, label, time)
 
-        return self._reflected(evaluate, lambda foot, mirror: 2 * foot - mirror)
+        return self._extended(evaluate, lambda foot, mirror: 2 * foot - mirror)
 
     def function_at_points(self, data: Any, evaluate: Callable[[Floats], Floats]) -> Floats:
         """Return the coefficient ``data`` (p, ...) at the samples, by ``evaluate``, a function of points (p, d).
 
         Functions are extrapolated to the samples :attr:`outside` from the values f at the foot (closest point) and m at
-        the mirror image: numbers as f^2 / m, tensors as 2 f - m.
+        the mirror image: numbers as f^2 / m, tensors as 2 f - m or f. Polynomials on thin patches must be positive.
         """
         if not callable(data) or isinstance(data, Field):
             return super().function_at_points(data, evaluate)
 
         def extend(foot: Floats, mirror: Floats) -> Floats:
             if foot.ndim > 1:
-                return 2 * foot - mirror
+                linear = 2 * foot - mirror
+                return np.where(np.linalg.eigvalsh(linear)[:, :1, None] > 0, linear, foot)
             ratio = foot / np.where(mirror > 0, mirror, 1.0)
             return foot * np.where(mirror > 0, ratio, 1.0)  # without a ratio the value at the foot
 
-        return self._reflected(evaluate, extend)
+        return self._extended(evaluate, extend, positive=True)
 
-    def _reflected(self, evaluate: Callable[[Floats], Floats], extend: Callable[[Floats, Floats], Floats]) -> Floats:
-        """Return ``evaluate`` at the samples, and outside ``extend`` of it at feet and mirror images."""
-        rows, *places = self.outside
-        values = []
+    def _extended(
+        self,
+        evaluate: Callable[[Floats], Floats],
+        extend: Callable[[Floats, Floats], Floats],
+        positive: bool = False,
+    ) -> Floats:
+        """Return ``evaluate`` at the samples, outside ``extend`` of it at feet and mirror images, or the polynomials.
+
+        With ``positive``, polynomials with a value (or an eigenvalue) below zero at a sample are not used.
+        """
+        rows, *places, thin = self.outside
+        at, values = [], []
         for place in places:  # all points both times: data may be values at the samples, whatever the points
-            points = self.points.copy()
-            points[rows] = place
-            values.append(evaluate(points))
-        foot, mirror = values
-        mirror[rows] = extend(foot[rows], mirror[rows])
-        return mirror
+            at.append(self.points.copy())
+            at[-1][rows] = place
+            values.append(evaluate(at[-1].copy()))
+        extended = values[1].copy()
+        extended[rows] = extend(values[0][rows], values[1][rows])
+        for first in range(0, len(thin), FITTED_PATCHES):
+            samples = self._samples_of_cut(thin[first : first + FITTED_PATCHES])
+            known, given = (np.concatenate([each[samples] for each in both], axis=1) for both in (at, values))
+            centre, spacing = known.mean(axis=1, keepdims=True), self.sampled.lattice.spacing
+            fit = fit_polynomials((known - centre) / spacing, given, (self.points[samples] - centre) / spacing)
+            if positive:
+                least = fit if fit.ndim == 2 else np.linalg.eigvalsh(fit)[..., 0]
+                samples, fit = (each[least.min(axis=1) > 0] for each in (samples, fit))
+            extended[samples] = fit
+        return extended
+
+    def _samples_of_cut(self, patches: Ints) -> Ints:
+        """Return the samples (k, n) of ``patches`` (k,) in cut cells, which come first, patch by patch."""
+        count = MOMENTS ** self.points.shape[1]
+        return np.asarray(patches[:, None] * count + np.arange(count))
+
+
+def fit_polynomials(points: Floats, values: Floats, at: Floats) -> Floats:
+    """Return polynomials of degree 2 at points ``at`` (k, m, d), fitted to values at others: (k, m, ...).
+
+    Each of the k polynomials has the least squares of errors at its ``points`` (k, n, d), where ``values`` are
+    (k, n, ...), and where several have these, the smallest coefficients.
+    """
+
+    def monomials(x: Floats) -> Floats:
+        i, j = np.triu_indices(x.shape[2])
+        return np.concatenate([np.ones_like(x[..., :1]), x, x[..., i] * x[..., j]], axis=2)
+
+    fits = monomials(at) @ (np.linalg.pinv(monomials(points)) @ values.reshape(*values.shape[:2], -1))
+    return np.asarray(fits.reshape(*at.shape[:2], *values.shape[2:]))
 
 
 @compiled

@@ -42,8 +42,9 @@ BULGE_SHARE = 0.05
 FINE_SPACINGS = 0.25
 #: Coefficients at the skin are compared with those so many spacings inside.
 INSIDE_SPACINGS = 0.25
-#: A solid is thin if more than this share of its volume is thinner than so many spacings. In slabs of .05 spacings the
-#: error of f is amplified, and estimates that expect order 3 were down to a tenth of the error; at .5 they were right.
+#: A solid is thin if more than this share of its volume is thinner than so many spacings. In slabs of .05 and .1
+#: spacings with values on the skin errors are of order 2 until they are tiny, and estimates that expect order 3 were
+#: down to a sixth of the error; at .5 they were right.
 LARGEST_THIN_SHARE, THIN_SPACINGS = 0.5, 1 / 3
 #: Parts of the skin whose normals have a larger cosine, below 60 degrees, are taken for one smooth part.
 MIXED_COSINE = 0.5
