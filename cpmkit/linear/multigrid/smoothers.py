@@ -1,8 +1,8 @@
 """Smoothers of a level: iterations with an exact solve on the strip near conditions, and, for advection, blocks.
 
 Penalties and couplings of conditions cause large eigenvalues of D^-1 A whose eigenvectors are zero outside the strip.
-The strip is solved exactly, and Gauss-Seidel's or Chebyshev's iteration runs on the other unknowns, whose eigenvalues
-the conditions do not change.
+The strip is solved exactly, or in overlapping blocks if it is wide, and Gauss-Seidel's or Chebyshev's iteration runs on
+the other unknowns, whose eigenvalues the conditions do not change.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr
-from cpmkit.linear.direct import factorize_matrix
+from cpmkit.linear.direct import factorize_matrix, factorize_symmetric
 from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: Chebyshev's iteration damps eigenvalues of D^-1 A above this share of the largest; coarser levels damp the others.
@@ -136,6 +136,31 @@ class WithStrip:
         """Return x (n, channels) after the iteration for ``A x = b`` and a solve for the strip, the others fixed."""
         x = self.iteration.postsmooth(x, b)
         x[self.unknowns] += self.factors.solve(self.rows.residual(x, b[self.unknowns]))
+        return x
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """A sweep of exact solves over overlapping blocks of unknowns, and one back: a symmetric approximate inverse."""
+
+    #: sequence of (unknowns, rows, factors): for each block its unknowns (m,), their rows of A (m, n), and factors.
+    blocks: Sequence[tuple[Ints, SparseMatrix, Any]]
+
+    @classmethod
+    def from_matrix(cls, matrix: SparseMatrix, where: str, positive: bool = True) -> Blocks:
+        """Return the sweeps for a symmetric matrix; the other arguments are those of :func:`factorize_symmetric`."""
+        blocks = []
+        for own in bisect_unknowns(matrix):
+            unknowns = np.unique(matrix[own].indices).astype(np.int64)
+            rows = matrix[unknowns]
+            blocks.append((unknowns, rows, factorize_symmetric(rows[:, unknowns].tocsr(), where, positive)))
+        return cls(blocks)
+
+    def solve(self, b: Floats) -> Floats:
+        """Return x (n, channels), close to ``A^-1 b``."""
+        x = np.zeros_like(b)
+        for unknowns, rows, factors in (*self.blocks, *self.blocks[-2::-1]):
+            x[unknowns] += factors.solve(b[unknowns] - rows @ x)
         return x
 
 

@@ -20,7 +20,15 @@ from cpmkit.errors import SceneError
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, uses_threads
 from cpmkit.linear.direct import factorize_matrix, factorize_symmetric, pinned_matrix
 from cpmkit.linear.krylov import column_products, indefinite_error
-from cpmkit.linear.multigrid.smoothers import MAX_BLOCK_UNKNOWNS, Chebyshev, GaussSeidel, Schwarz, Smoother, WithStrip
+from cpmkit.linear.multigrid.smoothers import (
+    MAX_BLOCK_UNKNOWNS,
+    Blocks,
+    Chebyshev,
+    GaussSeidel,
+    Schwarz,
+    Smoother,
+    WithStrip,
+)
 from cpmkit.linear.operators import (
     ComplexShift,
     Operator,
@@ -54,6 +62,7 @@ class Level:
     #: (r, k): lines of coarser unknowns whose differences of order k - 1 are stabilised: splines that hardly touch the
     #: manifold have entries so small that rounding determines their sign.
     lines: Ints | None = None
+    in_blocks: bool = False  #: Whether the strip is solved in overlapping blocks: it is so wide that its factors fill.
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +125,8 @@ def build_cycle(
         piece = coarse_piece
     pinned = matrices.pop()
     smoothers = [
-        _smoother(each, strip, waves, kind, 1 if number else 2)
-        for number, (each, strip) in enumerate(zip(matrices, strips, strict=True))
+        _smoother(each, strip, waves, kind, 1 if number else 2, level.in_blocks)
+        for number, (each, strip, level) in enumerate(zip(matrices, strips, levels, strict=True))
     ]
     labels, first = np.unique(piece, return_index=True)
     added = np.zeros(len(piece))  # one unknown of each free piece, which fixes its constant
@@ -157,11 +166,14 @@ def stabilise_lines(matrix: SparseMatrix, lines: Ints) -> SparseMatrix:
     return (matrix + rows.T @ rows).tocsr()
 
 
-def _smoother(matrix: SparseMatrix, strip: Ints, waves: bool, kind: Any, sweeps: int) -> Smoother:
+def _smoother(
+    matrix: SparseMatrix, strip: Ints, waves: bool, kind: Any, sweeps: int, in_blocks: bool = False
+) -> Smoother:
     """Return the smoother of a level, with entries of the type ``kind``, which solves exactly for the ``strip`` (k,).
 
     ``sweeps`` is the number of Gauss-Seidel sweeps; for ``waves``, or where products use all threads, it is Chebyshev's
-    iteration. Raises IndefiniteError if an entry of the diagonal or an eigenvalue of the strip has the wrong sign.
+    iteration. A strip ``in_blocks`` is solved by a sweep over overlapping blocks, and one back. Raises IndefiniteError
+    if an entry of the diagonal or an eigenvalue of the strip has the wrong sign.
     """
     diagonal = matrix.diagonal()
     swept = abs(diagonal) > ZERO_DIAGONAL_SHARE * diagonal.max()
@@ -179,7 +191,8 @@ def _smoother(matrix: SparseMatrix, strip: Ints, waves: bool, kind: Any, sweeps:
     if not len(strip):
         return smoother
     rows = matrix[strip].tocsr()
-    factors = factorize_symmetric(rows[:, strip].tocsr(), "beside boundaries", positive=not waves)
+    factorize = Blocks.from_matrix if in_blocks and not waves else factorize_symmetric
+    factors = factorize(rows[:, strip].tocsr(), "beside boundaries", positive=not waves)
     return WithStrip(smoother, strip, UnsignedCsr.from_matrix(rows, kind), factors)
 
 

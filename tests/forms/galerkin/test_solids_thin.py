@@ -122,3 +122,11 @@ def test_coefficients_that_jump_in_thin_slabs_stay_positive(is_tensor):
 
     found = slab.solve(ck.Elliptic(0.0, c=1.0, diffusivity=jump), ck.Dirichlet(1.0)).evaluate(slab.points)
     assert np.abs(found - 1).max() < 0.1
+
+
+@pytest.mark.parametrize("thickness", [0.4, 0.05, 0.003])
+def test_iterations_in_thin_slabs_with_values_do_not_grow(thickness):
+    """Without exact solves on thin parts they are 58, 176 and 300 in the slab of .05 spacings."""
+    slabs = [Slab(3, h, thickness, 0) for h in (0.1, 0.05, 0.035)]
+    found = [slab.solve(ck.ScreenedPoisson(f), ck.Dirichlet(u), solver="multigrid") for slab in slabs]
+    assert max(solution.report.iterations for solution in found) <= 20

@@ -137,11 +137,12 @@ STRIP_PATCHES = 64
 LARGEST_REMAINING_SHARE = 0.9
 
 
-def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
+def coarser_levels(dof_map: DofMap, boundary_patches: Ints, in_blocks: bool = False) -> list[Level]:
     """Return the coarser levels of a multigrid hierarchy with their prolongations, the finest first.
 
     ``dof_map`` is that of the finest level, ``boundary_patches`` (k,) are the patches with samples on boundaries. The
-    unknowns read by these and by small pieces, or by coarser patches that contain them, are the smoother's strip.
+    unknowns read by these and by small pieces, or by coarser patches that contain them, are the smoother's strip,
+    which is solved exactly, or in overlapping blocks if ``in_blocks``.
     """
     level = replace(dof_map, patch=np.union1d(boundary_patches, _patches_of_small_pieces(dof_map)))
     levels: list[Level] = []
@@ -150,7 +151,7 @@ def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
         level, prolongation = coarsen(level)
         if level.size > LARGEST_REMAINING_SHARE * prolongation.shape[0]:
             break
-        levels.append(Level(prolongation, strip, lines=_lines(level) if level.degree > 2 else None))
+        levels.append(Level(prolongation, strip, None, _lines(level) if level.degree > 2 else None, in_blocks))
     return levels
 
 
