@@ -9,12 +9,16 @@ import numpy as np
 from cpmkit.plugin import Floats, Ints
 from cpmkit_levelset.sampling import SampleLattice
 
+#: A crossing nearer to a node than this share of its edge is at the node: rounding of values that are zero there.
+NODE_SHARE = 1e-9
+
 
 def marching_simplices(lattice: SampleLattice) -> tuple[Floats, Ints]:
     """Return vertices (v, d) near the zero set, one on each crossed edge of a simplex, and cells (m, d) between them.
 
     A cell of the lattice is cut into d! simplices along its diagonal (Kuhn), so that the pieces of neighbours match.
-    The order of a cell's vertices has no meaning.
+    Crossings at a node are one vertex, and cells with two of them are left out: their area is zero. The order of a
+    cell's vertices has no meaning.
     """
     positive = lattice.values > 0
     corners = _crossed_cells(positive)
@@ -28,8 +32,10 @@ def marching_simplices(lattice: SampleLattice) -> tuple[Floats, Ints]:
     edges = np.concatenate(pairs)
     d = positive.ndim
     # one number an edge: rows are sorted ten times slower
-    ends, count = np.sort(edges, axis=2), positive.size
-    crossed, cells = np.unique(ends[..., 0] * count + ends[..., 1], return_inverse=True)
+    ends, count = _merge_at_nodes(lattice, np.sort(edges, axis=2)), positive.size
+    numbers = ends[..., 0] * count + ends[..., 1]
+    numbers = numbers[(numbers != np.roll(numbers, 1, axis=1)).all(axis=1)]
+    crossed, cells = np.unique(numbers, return_inverse=True)
     return _edge_crossings(lattice, np.stack(np.divmod(crossed, count), axis=1)), cells.reshape(-1, d).astype(np.int64)
 
 
@@ -63,10 +69,20 @@ def _cut_edges(nodes: Ints, positive: np.ndarray) -> Ints:
     return np.concatenate(pieces)
 
 
+def _merge_at_nodes(lattice: SampleLattice, edges: Ints) -> Ints:
+    """Return crossed ``edges`` (m, d, 2), with that node at both ends where the crossing is at a node."""
+    values = np.abs(lattice.values.ravel()[edges])
+    at_node = values < NODE_SHARE * values.sum(axis=2, keepdims=True)
+    for end in (0, 1):
+        edges = np.where(at_node[..., end, None], edges[..., end, None], edges)
+    return edges
+
+
 def _edge_crossings(lattice: SampleLattice, edges: Ints) -> Floats:
-    """Return (v, d) where the values at the ends of ``edges`` (v, 2), pairs of nodes, vanish, interpolated linearly."""
+    """Return (v, d) where the linear interpolant between the ends of ``edges`` (v, 2) vanishes, or their one node."""
     ends = [np.stack(np.unravel_index(edges[:, k], lattice.values.shape), axis=1) for k in (0, 1)]
     first, second = (lattice.values.ravel()[edges[:, k]] for k in (0, 1))
-    share = (first / (first - second))[:, None]
+    at_node = edges[:, 0] == edges[:, 1]
+    share = np.where(at_node, 0.0, first / np.where(at_node, 1.0, first - second))[:, None]
     crossings: Floats = lattice.lower + lattice.spacing * ((1.0 - share) * ends[0] + share * ends[1])
     return crossings

@@ -207,3 +207,13 @@ def test_the_error_that_a_grid_leaves_is_predicted(count, monkeypatch):
     here, exact = (ck.solve(scene, spacing, origin=[0, 0, 0], form="collocation").evaluate(points) for scene in scenes)
     left = np.abs(here - exact).max() / 2
     assert left / 3 < sampled.advice(spacing).floor < 3 * left
+
+
+@pytest.mark.parametrize("spacing", [0.1, 0.05])
+def test_meshes_have_no_triangles_without_area_where_the_surface_runs_through_nodes(spacing):
+    sphere = ck.source("levelset.expression", phi="x**2 + y**2 + z**2 - 1", bounds=[[-1.3] * 3, [1.3] * 3])
+    vertices, triangles = sphere.mesh(spacing)
+    a, b, c = (vertices[corners] for corners in triangles.T)
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).min() > 1e-6 * spacing**2
+    edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    assert len(np.unique(vertices, axis=0)) - len(edges) + len(triangles) == 2
