@@ -176,7 +176,9 @@ def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> t
     points, cells = mesh_method(surface)(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
     if surface.dim == 3 and surface.manifold_dim == 3:
-        raise InputError("The flux through the surface of a solid in space is not offered; compute that of a boundary.")
+        raise InputError(
+            "the form 'collocation' computes no flux through the edge of a solid in space; use form='galerkin'."
+        )
     parts = [_rim_of_triangles(surface, points, cells_with_corners(cells, 3), spacing)]
     rim = rim_of_vertices(Mesh.of(points, cells_with_corners(cells, 2)))  # the ends of segments, each with weight 1
     beyond = points[rim.rows] + BEYOND_RIM_SPACINGS * spacing * unit(rim.outward)

@@ -62,6 +62,8 @@ def test_integrals_over_the_inside_and_fluxes_through_the_skin():
     assert ball.integrate() == pytest.approx(4 * np.pi * (1 / 3 - 1 / 5), rel=1e-4)
     assert ball.mean() == pytest.approx(0.4, rel=1e-4)
     assert ball.flux("edge") == pytest.approx(-8 * np.pi, rel=3e-5)
+    with pytest.raises(ck.InputError, match=r"no flux through the edge of a solid in space; use form='galerkin'"):
+        ck.solve(ck.Scene(BALL, ck.Laplace(), edge=ck.Dirichlet("x")), 0.3, form="collocation").flux("edge")
     disk = solve(DISK, ck.ScreenedPoisson(1.0), 0.1)
     assert disk.integrate(lambda x, values: x[:, 0] ** 2) == pytest.approx(np.pi / 4, rel=1e-6)
 
