@@ -130,3 +130,17 @@ def test_iterations_in_thin_slabs_with_values_do_not_grow(thickness):
     slabs = [Slab(3, h, thickness, 0) for h in (0.1, 0.05, 0.035)]
     found = [slab.solve(ck.ScreenedPoisson(f), ck.Dirichlet(u), solver="multigrid") for slab in slabs]
     assert max(solution.report.iterations for solution in found) <= 20
+
+
+@pytest.mark.parametrize("rotation", [[0.0, 0.0, 0.0], [0.3, 0.2, 0.5]])
+@pytest.mark.parametrize("width", [0.03, 0.003, 0.001])
+def test_rods_much_thinner_than_the_spacing(width, rotation):
+    """Energies across a rod are below rounding, and the stabilisation along it must not exceed the energy there."""
+    rod = ck.source("analytic.box", lower=[0.0] * 3, upper=[1.0, width, width], rotation=rotation)
+
+    def solve(problem, edge):
+        return ck.solve(ck.Scene(rod, problem, edge=edge), 0.1, form="galerkin")
+
+    assert np.abs(solve(ck.ScreenedPoisson(1.0), ck.Neumann(0.0)).values - 1).max() < 1e-8
+    assert solve(ck.Eigen(3), ck.Neumann(0.0)).eigenvalues == pytest.approx(np.pi**2 * np.array([0, 1, 4]), 3e-3, 1e-9)
+    assert 0.01 < solve(ck.Poisson(1.0), ck.Dirichlet(0.0)).mean() / width**2 < 0.04

@@ -42,6 +42,11 @@ LIGHT_SHARE = 1e-4
 #: The factor of the floor as a share of that median. For splines of degree 1 the matrix of a circle in a
 #: knot plane is still definite with half of the second number, and not with a tenth of it.
 FLOOR_SHARE, LINEAR_FLOOR_SHARE = 1e-3, 0.2
+#: A part of a solid is thin if the splines there have integrals below this share of a cell: a slab up to .4 spacings.
+THIN_SHARE = 1 / 3
+#: The floor of thin patches over the ghost penalty. In rods of .01 spacings products of squares of the coordinates have
+#: energies below rounding; with 1e-10 some eigenvalues are still wrong.
+THIN_FLOOR = 1e-8
 
 
 def differences(order: int) -> Floats:
@@ -173,11 +178,30 @@ def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisati
 
     It is g a h^(m - 2) times the sum of squared differences of order degree + 1 along the runs of the space, and of
     order degree along its short runs: sequences of neighbouring unknowns along an axis. The manifold has dimension m.
+    In thin parts of a solid it is in proportion to the energy, see :func:`thinness`, and `THIN_FLOOR` times the full
+    penalty of order degree is added along all lines.
     """
     means = space.means_at_unknowns(scalar_coefficient(space, a))
     scale = stabilisation.g * space.dof_map.spacing ** (space.manifold_dim - 2)
+    if not space.samples.codim:
+        share = thinness(space)
+        lines = lines_through(space.dof_map, space.heaviest[share < 1])
+        lines = lines[lines[:, 0] != lines[:, 1]]  # isolated pieces have one unknown all along
+        add_differences(space, lines, THIN_FLOOR * scale * means[lines].mean(axis=1), data)
+        means = means * share
     add_differences(space, space.runs, scale * means[space.runs].mean(axis=1), data)
     add_differences(space, space.short_runs, scale * means[space.short_runs].mean(axis=1), data)
+
+
+def thinness(space: SplineSpace) -> Floats:
+    """Return a factor (n,) for each unknown of a solid: 1, or in thin parts what is in proportion to their thickness.
+
+    It is the largest integral of a spline that a patch with the unknown reads, as a share of `THIN_SHARE` of a cell.
+    """
+    integrals = load(space, np.ones((1, 1)))[:, 0] / space.dof_map.spacing**space.dof_map.dim
+    unknowns, largest = space.dof_map.unknowns, np.zeros(space.dof_map.size)
+    np.maximum.at(largest, unknowns, integrals[unknowns].max(axis=1, keepdims=True))
+    return np.minimum(largest / THIN_SHARE, 1.0)
 
 
 def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Floats) -> None:

@@ -26,11 +26,6 @@ from cpmkit.types import Floats, Ints, SparseMatrix, no_progress
 if TYPE_CHECKING:
     from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
 
-#: Patches of a solid in space are thin if all splines that they read have integrals below this share of a cell: those
-#: of slabs up to .4 spacings. Values on their skin determine u there but for a remainder that is not smooth, which
-#: coarser levels do not approximate.
-THIN_SHARE = 1 / 3
-
 
 @dataclass(frozen=True, eq=False)
 class FunctionSpace:
@@ -249,14 +244,14 @@ class FunctionSpace:
     def plain_levels(self) -> list[Level]:
         """The multigrid levels of coarser lattices, with prolongations: of twice the spacing, four times, and so on.
 
-        The strip of a solid in space is that of its thin parts, in blocks: elsewhere its factors would be large, and
-        iterations are the same without it.
+        The strip of a solid in space is that of its thin parts, in blocks: values on their skin determine u but for a
+        remainder that is not smooth, which coarser levels do not approximate. Elsewhere factors would be large, and
+        iterations are the same without them.
         """
         if self.splines.samples.codim or self.dof_map.dim < 3:
             return coarser_levels(self.base_dof_map, self.base_dof_map.patch[self.interior :])
-        largest = self.spline_integrals[self.dof_map.unknowns].max(axis=1)
-        thin = np.flatnonzero(largest < THIN_SHARE * self.spacing**3)
-        return coarser_levels(self.base_dof_map, thin, in_blocks=True)
+        thin = (energy.thinness(self.splines)[self.dof_map.unknowns] < 1).all(axis=1)
+        return coarser_levels(self.base_dof_map, np.flatnonzero(thin), in_blocks=True)
 
     @cached_property
     def refined_levels(self) -> list[Level]:
