@@ -178,30 +178,29 @@ def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisati
 
     It is g a h^(m - 2) times the sum of squared differences of order degree + 1 along the runs of the space, and of
     order degree along its short runs: sequences of neighbouring unknowns along an axis. The manifold has dimension m.
-    In thin parts of a solid it is in proportion to the energy, see :func:`thinness`, and `THIN_FLOOR` times the full
-    penalty of order degree is added along all lines.
+    In thin parts of a solid it is in proportion to the energy, by :func:`thickness_of_patches`, and `THIN_FLOOR` times
+    the full penalty of order degree is added along all lines.
     """
     means = space.means_at_unknowns(scalar_coefficient(space, a))
     scale = stabilisation.g * space.dof_map.spacing ** (space.manifold_dim - 2)
     if not space.samples.codim:
-        share = thinness(space)
+        share = np.zeros(space.dof_map.size)
+        np.maximum.at(share, space.dof_map.unknowns, thickness_of_patches(space)[:, None])
         lines = lines_through(space.dof_map, space.heaviest[share < 1])
         lines = lines[lines[:, 0] != lines[:, 1]]  # isolated pieces have one unknown all along
         add_differences(space, lines, THIN_FLOOR * scale * means[lines].mean(axis=1), data)
-        means = means * share
+        means = means * np.minimum(share, 1.0)
     add_differences(space, space.runs, scale * means[space.runs].mean(axis=1), data)
     add_differences(space, space.short_runs, scale * means[space.short_runs].mean(axis=1), data)
 
 
-def thinness(space: SplineSpace) -> Floats:
-    """Return a factor (n,) for each unknown of a solid: 1, or in thin parts what is in proportion to their thickness.
+def thickness_of_patches(space: SplineSpace) -> Floats:
+    """Return the largest integral (p,) of a spline that a patch of a solid reads, as a share of `THIN_SHARE` of a cell.
 
-    It is the largest integral of a spline that a patch with the unknown reads, as a share of `THIN_SHARE` of a cell.
+    It is below 1 on thin patches, and in proportion to the thickness of a slab.
     """
     integrals = load(space, np.ones((1, 1)))[:, 0] / space.dof_map.spacing**space.dof_map.dim
-    unknowns, largest = space.dof_map.unknowns, np.zeros(space.dof_map.size)
-    np.maximum.at(largest, unknowns, integrals[unknowns].max(axis=1, keepdims=True))
-    return np.minimum(largest / THIN_SHARE, 1.0)
+    return np.asarray(integrals[space.dof_map.unknowns].max(axis=1) / THIN_SHARE)
 
 
 def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Floats) -> None:

@@ -250,8 +250,8 @@ class FunctionSpace:
         """
         if self.splines.samples.codim or self.dof_map.dim < 3:
             return coarser_levels(self.base_dof_map, self.base_dof_map.patch[self.interior :])
-        thin = (energy.thinness(self.splines)[self.dof_map.unknowns] < 1).all(axis=1)
-        return coarser_levels(self.base_dof_map, np.flatnonzero(thin), in_blocks=True)
+        thin = np.flatnonzero(energy.thickness_of_patches(self.splines) < 1)
+        return coarser_levels(self.base_dof_map, thin, in_blocks=True)
 
     @cached_property
     def refined_levels(self) -> list[Level]:
