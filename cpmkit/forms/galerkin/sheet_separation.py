@@ -103,53 +103,52 @@ def path_lengths_to_corners(
     All cells of a group have the same length; the length of cells left out, of group -1, is infinite. ``cells``
     (k, q, c) are the corners of the cells near each point among ``vertices`` (n, d), ``ends`` (k, c) the vertices at
     which its paths end, -1 for none. Paths longer than ``reach`` (k,) count as infinite. The neighbours of each vertex
-    over edges are in compressed rows, ``starts`` (n + 1,) and ``others`` (2 e,).
+    over edges are in compressed rows, ``starts`` (n + 1,) and ``others`` (2 e,). Paths are followed from each end,
+    once for all points whose paths end there.
     """
-    rows, width, corners = cells.shape
-    lengths = np.full((rows, width), -1.0)
+    width, corners = cells.shape[1:]
+    lengths = np.where(group < 0, np.inf, 0.0)
+    least = np.empty(width)
     distance = np.full(len(vertices), np.inf)
     waiting = np.zeros(len(vertices), dtype=np.bool_)
-    for row in range(rows):
-        for first in range(width):
-            component = group[row, first]
-            if component < 0 or lengths[row, first] >= 0:
-                continue
-            reached = [np.int64(0) for _ in range(0)]
-            queue = [np.int64(0) for _ in range(0)]
-            for j in range(first, width):
-                if group[row, j] != component:
-                    continue
+    end_of, per_row = ends.ravel(), ends.shape[1]
+    order = np.argsort(end_of)
+    after = np.searchsorted(end_of[order], 0)  # -1 comes first
+    while after < len(order):
+        first, end = after, end_of[order[after]]
+        farthest = 0.0
+        while after < len(order) and end_of[order[after]] == end:
+            farthest = max(farthest, reach[order[after] // per_row])
+            after += 1
+        queue = [end]
+        distance[end] = 0.0
+        done = 0
+        while done < len(queue):
+            at = queue[done]
+            done += 1
+            waiting[at] = False
+            for place in range(starts[at], starts[at + 1]):
+                to = np.int64(others[place])
+                step = vertices[to] - vertices[at]
+                candidate = distance[at] + np.sqrt((step * step).sum())
+                if candidate < distance[to] and candidate <= farthest:
+                    distance[to] = candidate
+                    if not waiting[to]:
+                        waiting[to] = True
+                        queue.append(to)
+        for place in range(first, after):
+            row = order[place] // per_row
+            for j in range(width):
+                least[j] = np.inf
                 for i in range(corners):
-                    at = np.int64(cells[row, j, i])
-                    if distance[at] == np.inf:
-                        off = vertices[at] - points[row]
-                        distance[at] = np.sqrt((off * off).sum())
-                        waiting[at] = True
-                        reached.append(at)
-                        queue.append(at)
-            done = 0
-            while done < len(queue):
-                at = queue[done]
-                done += 1
-                waiting[at] = False
-                for place in range(starts[at], starts[at + 1]):
-                    to = np.int64(others[place])
-                    step = vertices[to] - vertices[at]
-                    candidate = distance[at] + np.sqrt((step * step).sum())
-                    if candidate < distance[to] and candidate <= reach[row]:
-                        if distance[to] == np.inf:
-                            reached.append(to)
-                        distance[to] = candidate
-                        if not waiting[to]:
-                            waiting[to] = True
-                            queue.append(to)
-            total = 0.0
-            for i in range(ends.shape[1]):
-                if ends[row, i] >= 0:
-                    total += distance[ends[row, i]]
-            for at in reached:
-                distance[at] = np.inf
-            for j in range(first, width):
-                if group[row, j] == component:
-                    lengths[row, j] = total
-    return np.where(lengths < 0, np.inf, lengths)
+                    off = vertices[cells[row, j, i]] - points[row]
+                    least[j] = min(least[j], distance[cells[row, j, i]] + np.sqrt((off * off).sum()))
+            for j in range(width):
+                length = np.inf
+                for other in range(width):
+                    if group[row, other] == group[row, j]:
+                        length = min(length, least[other])
+                lengths[row, j] += length if length <= reach[row] else np.inf
+        for at in queue:
+            distance[at] = np.inf
+    return lengths
