@@ -51,7 +51,8 @@ class SheetSeparation:
         farthest = np.where(ends >= 0, np.sqrt((offsets**2).sum(axis=2)), 0.0).max(axis=1)
         reach = PATH_FACTOR * (farthest + self.spacing)
         graph, arguments = self._vertex_graph, (points, self.mesh.cells[cells], group, ends, reach, self.mesh.vertices)
-        return path_lengths_to_corners(*arguments, graph.indptr, graph.indices), LONGER_SPACINGS * self.spacing
+        lengths = path_lengths_to_corners(*arguments, graph.indptr, graph.indices, graph.data)
+        return lengths, LONGER_SPACINGS * self.spacing
 
     @cached_property
     def _tree(self) -> Any:
@@ -62,12 +63,13 @@ class SheetSeparation:
 
     @cached_property
     def _vertex_graph(self) -> SparseMatrix:
-        """(v, v) adjacency matrix of the vertices, with an entry for each two that share an edge."""
+        """(v, v) adjacency matrix of the vertices, with the length of the edge for each two that share one."""
         from scipy.sparse import coo_array
 
         ends, count = self.mesh.edges.ends, len(self.mesh.vertices)
+        length = np.sqrt(((self.mesh.vertices[ends[:, 0]] - self.mesh.vertices[ends[:, 1]]) ** 2).sum(axis=1))
         pairs = np.concatenate([ends, ends[:, ::-1]]).T
-        return coo_array((np.ones(pairs.shape[1], dtype=np.int8), tuple(pairs)), shape=(count, count)).tocsr()
+        return coo_array((np.tile(length, 2), tuple(pairs)), shape=(count, count)).tocsr()
 
 
 @compiled
@@ -96,15 +98,23 @@ def group_touching_patches(patches: Ints, pairs: Ints, count: int) -> Ints:
 
 @compiled
 def path_lengths_to_corners(
-    points: Floats, cells: Ints, group: Ints, ends: Ints, reach: Floats, vertices: Floats, starts: Ints, others: Ints
+    points: Floats,
+    cells: Ints,
+    group: Ints,
+    ends: Ints,
+    reach: Floats,
+    vertices: Floats,
+    starts: Ints,
+    others: Ints,
+    steps: Floats,
 ) -> Floats:
     """Return the total length (k, q) of the shortest paths from ``points`` (k, d) over the cells of a group to ends.
 
     All cells of a group have the same length; the length of cells left out, of group -1, is infinite. ``cells``
     (k, q, c) are the corners of the cells near each point among ``vertices`` (n, d), ``ends`` (k, c) the vertices at
     which its paths end, -1 for none. Paths longer than ``reach`` (k,) count as infinite. The neighbours of each vertex
-    over edges are in compressed rows, ``starts`` (n + 1,) and ``others`` (2 e,). Paths are followed from each end,
-    once for all points whose paths end there.
+    over edges are in compressed rows, ``starts`` (n + 1,) and ``others`` (2 e,), with the lengths ``steps`` (2 e,) of
+    the edges. Paths are followed from each end, once for all points whose paths end there.
     """
     width, corners = cells.shape[1:]
     lengths = np.where(group < 0, np.inf, 0.0)
@@ -129,8 +139,7 @@ def path_lengths_to_corners(
             waiting[at] = False
             for place in range(starts[at], starts[at + 1]):
                 to = np.int64(others[place])
-                step = vertices[to] - vertices[at]
-                candidate = distance[at] + np.sqrt((step * step).sum())
+                candidate = distance[at] + steps[place]
                 if candidate < distance[to] and candidate <= farthest:
                     distance[to] = candidate
                     if not waiting[to]:
@@ -141,8 +150,10 @@ def path_lengths_to_corners(
             for j in range(width):
                 least[j] = np.inf
                 for i in range(corners):
-                    off = vertices[cells[row, j, i]] - points[row]
-                    least[j] = min(least[j], distance[cells[row, j, i]] + np.sqrt((off * off).sum()))
+                    at, square = cells[row, j, i], 0.0
+                    for axis in range(points.shape[1]):
+                        square += (vertices[at, axis] - points[row, axis]) ** 2
+                    least[j] = min(least[j], distance[at] + np.sqrt(square))
             for j in range(width):
                 length = np.inf
                 for other in range(width):
