@@ -9,10 +9,25 @@ import cpmkit as ck
 from cpmkit.forms.galerkin.dof_map import connected_pieces
 from cpmkit.plugin import HasMesh
 
-SURFACES = [case for case in CASES if source_of(case).manifold_dim in range(1, source_of(case).dim)]
+#: Cases of solids, of points and of mixed cells, told by how their names begin: sources are made where they are tested.
+NO_SURFACE = (
+    "analytic.point",
+    "analytic.box",
+    "union (a torus, a sphere and",
+    "moved (union)",
+    "solid",
+    "points",
+    "cut.plane (circle",
+    "cut.function (curve",
+)
+SURFACES = [case for case in CASES if not str(case).startswith(NO_SURFACE)]
 #: Closest points that have no tangents make no surface, and that is said.
 REFUSED = ["pointcloud.points (nearest)"]
 FIT = [case for case in SURFACES if str(case) not in REFUSED]
+
+
+def is_surface(source):
+    return source.manifold_dim in range(1, source.dim)
 
 
 def scene_of(source, cells):
@@ -55,6 +70,7 @@ def solved(scene, spacing, **options):
 @pytest.mark.parametrize("case", FIT, ids=str)
 def test_constants_symmetry_measure(case):
     source = source_of(case)
+    assert is_surface(source)
     spacing, scene = scene_of(source, 6)
     solution = solved(scene, spacing)
     form = solution.discretized
@@ -81,6 +97,12 @@ def test_laws_at_ten_positions(case):
         check_positive(form)
         counts.append(connected_pieces(form.space.dof_map)[0])
     assert len(set(counts)) == 1
+
+
+def test_what_is_left_out_is_no_surface():
+    left_out = [case for case in CASES if case not in SURFACES]
+    assert all(any(str(case).startswith(start) for case in left_out) for start in NO_SURFACE)
+    assert not any(is_surface(source_of(case)) for case in left_out)
 
 
 @pytest.mark.parametrize("name", REFUSED)
