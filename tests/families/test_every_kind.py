@@ -23,7 +23,7 @@ def make(kind, **keys):
 
 
 def mesh():
-    vertices, faces = ck.source("analytic.torus").mesh(0.04)
+    vertices, faces = ck.source("analytic.torus").mesh(0.06)
     return ck.source("mesh.triangles", vertices=vertices, faces=faces)
 
 
@@ -67,8 +67,8 @@ PLANE_AND_CURVES = {
     "parametric.torus_knot": (make("parametric.torus_knot", a=2, b=3, major=1.0, minor=0.4), 0.1),
 }
 SURFACES = {
-    "analytic.sphere": (make("analytic.sphere"), 0.2),
-    "analytic.cap": (make("analytic.cap", height=0.1), 0.2),
+    "analytic.sphere": (make("analytic.sphere"), 0.28),
+    "analytic.cap": (make("analytic.cap", height=0.1), 0.28),
     "analytic.torus": (make("analytic.torus"), 0.14),
     "analytic.cylinder": (make("analytic.cylinder"), 0.2),
     "mesh.triangles": (mesh, 0.14),

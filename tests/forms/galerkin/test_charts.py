@@ -1,5 +1,7 @@
 """Parts that are near in space but not along the manifold get charts of their own: errors, laws, what stays uncut."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import trimesh
@@ -30,6 +32,12 @@ def triangles(vertices, faces):
     return ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="faceted")
 
 
+@cache
+def half_slot():
+    """Return a plate with a slot half a spacing wide, whose truth takes finite elements."""
+    return slot(0.5)
+
+
 def solve_known(known, h, shift=0.0, **options):
     """Return the solution of a known scene, and its root mean square error as a share of the range."""
     solution = ck.solve(known.scene, h, origin=np.full(3, (0.123 + shift) * h), **options)
@@ -53,7 +61,7 @@ def test_a_u_turn_of_a_sheet(radius):
 
 @pytest.mark.parametrize("radius", [pytest.param(0.25, marks=pytest.mark.slow), 0.5])
 def test_the_order_of_u_turns_of_a_fixed_number_of_spacings(radius):
-    spacings = (0.1, 0.05, 0.025)
+    spacings = (0.1, 0.07, 0.05)
     errors = [max(solve_known(turned_sheets(radius * h), h, shift)[1] for shift in SHIFTS) for h in spacings]
     assert order_of(spacings, errors) > 1.1  # the turn stays below the spacing
     assert errors[0] < 2e-4
@@ -82,7 +90,7 @@ def test_a_u_turn_of_a_curve(radius, dim):
 )
 def test_slots_necks_and_holes(make, before):
     """They are half a spacing wide, holes one; without charts the errors are about those ``before``."""
-    known = make(1.0 if make is hole else 0.5)
+    known = half_slot() if make is slot else make(1.0 if make is hole else 0.5)
     for shift in SHIFTS:
         solution, error = solve_known(known, known.spacing, shift)
         assert error < 0.6 * before
@@ -90,7 +98,7 @@ def test_slots_necks_and_holes(make, before):
 
 
 def test_refined_splines_are_tied():
-    known = slot(0.5)
+    known = half_slot()
     plain, error = solve_known(known, known.spacing)
     refined, smaller = solve_known(known, known.spacing, refine="auto")
     assert refined.work.unknowns > plain.work.unknowns
@@ -154,7 +162,7 @@ def test_ties_are_shown():
 def test_a_finer_mesh_of_the_same_surface_is_cut_alike():
     coarse = turned_sheets(0.0125)
     vertices, faces = coarse.scene.surface.given_mesh
-    finer = triangles(*trimesh.remesh.subdivide_to_size(vertices, faces, 0.02))
+    finer = triangles(*trimesh.remesh.subdivide_to_size(vertices, faces, 0.05))
     sizes = []
     for surface in (coarse.scene.surface, finer):
         scene = ck.Scene(surface, coarse.scene.problem)

@@ -169,7 +169,7 @@ PROBLEMS = {
     "velocity": lambda f, a: ck.Heat(
         lambda x: np.exp(-20 * (f(x)[:, 0] + 0.4) ** 2),
         until=0.4,
-        step=0.02,
+        step=0.04,
         kappa=0.05,
         velocity=lambda x: along(a, x),
     ),
@@ -283,10 +283,9 @@ def test_a_prism_read_as_smooth_is_cut_at_the_edges_that_stay():
     sides = [np.stack([i, j, j + 11], axis=1), np.stack([i, j + 11, i + 11], axis=1)]
     ends = [np.stack([j, i, np.full(11, 22)], axis=1), np.stack([i + 11, j + 11, np.full(11, 23)], axis=1)]
     keys = {"vertices": vertices, "faces": np.concatenate(sides + ends)}
+    problem = ck.ScreenedPoisson("sin(3*x) + y", 1.0)
     smooth, flat = (
-        ck.solve(
-            ck.Scene(ck.source("mesh.triangles", **keys, closest=closest), ck.ScreenedPoisson("sin(3*x) + y", 1.0)), 0.1
-        )
+        ck.solve(ck.Scene(ck.source("mesh.triangles", **keys, closest=closest), problem), 0.14)
         for closest in ("smooth", "faceted")
     )
     assert smooth.work.unknowns == flat.work.unknowns
@@ -311,7 +310,7 @@ def test_a_tube_thinner_than_the_cells_is_not_cut_to_pieces():
 def test_small_faces_take_no_more_iterations():
     """Boxes 2.2 spacings wide: 78 iterations where the strip has the unknowns at ties alone."""
     box = box_of(2.2)
-    places = 4.2 * np.array([[i, j, k] for i in range(4) for j in range(4) for k in range(4)])
+    places = 4.2 * np.array([[i, j, k] for i in range(3) for j in range(3) for k in range(3)])
     vertices = np.concatenate([box.vertices + place for place in places]) @ TURN.T
     faces = np.concatenate([box.cells + 8 * k for k in range(len(places))])
     scene = ck.Scene(ck.source("mesh.triangles", vertices=vertices, faces=faces), ck.ScreenedPoisson("sin(x)", 0.01))

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from numpy.polynomial.legendre import legval
 from scipy.sparse.linalg import splu
-from scipy.special import eval_legendre
 
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
@@ -205,10 +205,8 @@ def slit_error(solution, u):
 def test_refinement_gathers_at_a_point_source():
     source = ck.PointSource([[0.0, 0.0, 1.0]])
     scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(source, c=1.0))
-    angle, degree = np.array([0.05, 0.1, 0.2]), np.arange(20_000)[:, None]
-    exact = ((2 * degree + 1) / (degree**2 + degree + 1) * eval_legendre(degree, np.cos(angle))).sum(axis=0) / (
-        4 * np.pi
-    )
+    angle, degree = np.array([0.05, 0.1, 0.2]), np.arange(20_000)
+    exact = legval(np.cos(angle), (2 * degree + 1) / (degree**2 + degree + 1)) / (4 * np.pi)
     points = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)
     refined, uniform = ck.solve(scene, spacing=0.3, refine="auto"), ck.solve(scene, spacing=0.1)
     assert refined.work.unknowns < uniform.work.unknowns / 5
