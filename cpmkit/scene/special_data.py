@@ -12,9 +12,9 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.manifold.abilities import HasValues, members_of
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.arrays import as_points, number
-from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, is_zero
+from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, is_zero, reaction_rates
 from cpmkit.scene.diffusivities import TENSOR_SHAPES
-from cpmkit.types import Floats
+from cpmkit.types import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +124,7 @@ class MemberData:
 
     def __call__(self, points: Floats) -> Floats:
         """Return the data (n,) or (n, channels) at ``points`` (n, d): those of the member with the closest point."""
-        points = np.ascontiguousarray(points, dtype=np.float64)
-        element = self.source.closest_point(points).element
-        number = np.zeros(len(points), dtype=np.int64) if element is None or len(self.values) == 1 else element
+        number = self.member_at(points)
         columns = [
             evaluate_data(value, points[number == k], None, f"data of member {k}")
             for k, value in enumerate(self.values)
@@ -136,10 +134,34 @@ class MemberData:
             found[number == k] = each
         return found if found.shape[1] > 1 else found[:, 0]
 
+    def member_at(self, points: Floats) -> Ints:
+        """Return the number (n,) of the member with the closest point to each of ``points`` (n, d)."""
+        element = self.source.closest_point(np.ascontiguousarray(points, dtype=np.float64)).element
+        return np.zeros(len(points), dtype=np.int64) if element is None else element
+
     def of_members(self, numbers: Sequence[int], source: ClosestPointSource) -> Any:
         """Return the data of the members with these ``numbers``, of which ``source`` is the union."""
         chosen = [self.values[number] for number in numbers]
         return chosen[0] if len(chosen) == 1 else MemberData(source, chosen)
+
+
+@dataclass(frozen=True)
+class ReactionAt:
+    """A reaction at a time, as a function of values and points; one of :class:`MemberData` is that of each member."""
+
+    reaction: Any  #: A function of values (p, channels), and perhaps points (p, d) and t, or one for each member.
+    time: float
+    start: float  #: The time of the initial data.
+
+    def __call__(self, u: Floats, points: Floats) -> Floats:
+        """Return the rates (p, channels) for values u (p, channels) at ``points``, as :func:`reaction_rates` does."""
+        if not isinstance(self.reaction, MemberData):
+            return reaction_rates(self.reaction, u, points, self.time, self.start)
+        number, rates = self.reaction.member_at(points), np.empty_like(u)
+        for k, own in enumerate(self.reaction.values):
+            rows = number == k
+            rates[rows] = reaction_rates(own, u[rows], points[rows], self.time, self.start)
+        return rates
 
 
 class VertexArrays:

@@ -18,10 +18,11 @@ from cpmkit.families.context import PreparedSystem, SolveContext, operator_key
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.operators import Stiffness
 from cpmkit.linear.residuals import SolveReport
-from cpmkit.scene.data import Data, Reaction, call_pointwise, reaction_rates, takes_time
+from cpmkit.scene.data import Data, Reaction, call_pointwise, takes_time
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import conditions_depend_on_time
+from cpmkit.scene.special_data import ReactionAt
 from cpmkit.types import Floats
 
 #: Shares of a step up to this are rounding, and no step of their own.
@@ -214,9 +215,7 @@ class SemiDiscrete:
                 return load
         reaction, start = self.reaction, self.form.scene.problem.start_time or 0.0
         assert reaction is not None
-        load = self.form.reaction_load(
-            lambda values, points: reaction_rates(reaction, values, points, moment.time, start), moment.u
-        )
+        load = self.form.reaction_load(ReactionAt(reaction, moment.time, start), moment.u)
         self._reactions[:] = [*self._reactions[-1:], (moment.u, load)]
         return load
 

@@ -35,6 +35,7 @@ from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.data import Data, Functional, is_sequence
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
+from cpmkit.scene.special_data import ReactionAt
 from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
 
 
@@ -254,7 +255,13 @@ class GalerkinUnion(Discretized):
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
         """Return the load (n, channels) of ``function(values, points)`` at the values of ``u`` (n, channels)."""
-        return np.concatenate([part.form.reaction_load(function, u[part.unknowns]) for part in self.parts])
+        loads = []
+        for part in self.parts:
+            own = function
+            if isinstance(function, ReactionAt):
+                own = replace(function, reaction=part.restrict(function.reaction, self))
+            loads.append(part.form.reaction_load(own, u[part.unknowns]))
+        return np.concatenate(loads)
 
     def gradient_load(self, values: Floats) -> Floats:
         """Return the integrals (n,) of vectors (p, d) at the samples times the tangential gradient of each function."""

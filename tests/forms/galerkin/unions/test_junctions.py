@@ -121,6 +121,23 @@ def test_constants_total_symmetry_and_signs(name):
     np.testing.assert_allclose(last.totals, first.totals, rtol=1e-11)
 
 
+def test_species_inside_and_on_the_membrane_react_each_by_its_own_law():
+    """Without space: du/dt = -u, dv/dt = v - v^2 apart; with an exchange the total changes by the reactions alone."""
+    cell = ck.source("union", members=[BALL, SPHERE])
+    laws = ck.MemberData(cell, [lambda u: -u, lambda v: v - v**2])
+    initial = ck.MemberData(cell, [2.0, 0.2])
+    equation = ck.ReactionDiffusion(initial, laws, kappa=ck.MemberData(cell, [1.0, 0.1]), until=0.5, step=0.01)
+    apart = ck.solve(ck.Scene(cell, equation, junctions=ck.Junction(resistance=1e9)), 0.4)
+    assert apart.of_dimension(3).mean() == pytest.approx(2 * np.exp(-0.5), rel=1e-3)
+    assert apart.of_dimension(2).mean() == pytest.approx(1 / (1 + 4 * np.exp(-0.5)), rel=1e-3)
+    equation = ck.ReactionDiffusion(
+        initial, ck.MemberData(cell, [lambda u: -u, lambda v: -v]), kappa=1.0, until=0.5, step=0.01
+    )
+    joined = ck.solve(ck.Scene(cell, equation, junctions=ck.Junction(resistance=0.5)), 0.4)
+    total = joined.integrate(dim=3) + joined.integrate(dim=2)
+    assert total == pytest.approx(np.exp(-0.5) * (2 * 4 * np.pi / 3 + 0.2 * 4 * np.pi), rel=1e-3)
+
+
 @pytest.mark.parametrize("name", ["ring", "ball", "rod"])
 def test_two_sources_are_reciprocal(name):
     places = np.array([[0.0, 0.6, 0.8], {"ring": [0.0, 1.0, 0], "ball": [0.1, 0.2, 0.1], "rod": [2.0, 0, 0]}[name]])
