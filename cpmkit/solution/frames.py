@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -34,6 +34,11 @@ class EvolvedRecord(SolutionRecord):
     def totals(self) -> Floats | None:
         """Integrals (channels,) of u over the manifold, such as its heat; None in forms without exact integrals."""
         return integrals(self.discretized, self.values)
+
+    def of_dimension(self, dim: int) -> Self:
+        """Return the solution, and its frames, on the members of dimension ``dim``; see `SolutionRecord`."""
+        frames = tuple(frame.of_dimension(dim) for frame in self.frames)
+        return replace(super().of_dimension(dim), frames=frames, energy=None)
 
     def frame_meshes(self) -> list[DisplayMesh]:
         """Return a display mesh for each frame, the same with the frame's values; there must be at least one frame."""

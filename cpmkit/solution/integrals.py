@@ -233,7 +233,7 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
         if side is not None:
             raise InputError(f"the edge has one side only; leave side out, got {shown(side)}.")
         loop = None if boundary == "edge" else int(boundary)
-        in_space = scene.surface.dim == 3 and scene.surface.manifold_dim == 3
+        in_space = scene.surface.dim == 3 and 3 in member_dimensions(scene.surface)
         rule = None if in_space else rim_rule(scene.surface, solution.spacing, loop)
         total = form.flux(solution.values, boundary, None, solution.data_time)
         if total is None:

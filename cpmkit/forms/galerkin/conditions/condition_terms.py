@@ -33,6 +33,7 @@ from cpmkit.forms.galerkin.conditions.nitsche import (
 )
 from cpmkit.grid.lattice import Lattice
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.junction import JunctionLaw
 from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at
 from cpmkit.types import SIDES, Bools, Floats, Ints
 
@@ -140,12 +141,13 @@ class ConditionTerms:
 
         ``u`` (n, channels) are the unknowns of the solution, ``chosen`` (b,) is whether a sample is included, as on one
         side of a boundary or on the rim, and data are evaluated at ``time``. None if a condition at these samples has
-        the eigenvalue as a factor, which is not known here. Samples without a condition contribute nothing.
+        the eigenvalue as a factor, which is not known here, or is a junction. Samples without a condition contribute
+        nothing.
         """
         from scipy.sparse import csr_array, hstack
 
         conditions = [condition for condition in self.conditions if chosen[condition.all_rows].any()]
-        if conditions_with_law(conditions, Spectral):
+        if conditions_with_law(conditions, Spectral, JunctionLaw):
             return None
         n, weight = self.values.shape[1], np.where(chosen, 1 / self.a, 0.0)
         column, zero = csr_array(weight[:, None]), csr_array((len(weight), 1))

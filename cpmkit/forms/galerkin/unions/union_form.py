@@ -14,6 +14,7 @@ from cpmkit.errors import InputError
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field
 from cpmkit.forms.form_records import Diagnosis, FormTraits, StateDependentCoefficient, StateFlux
+from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_law
 from cpmkit.forms.galerkin.equation_assembly import GalerkinOperator, multigrid_applies
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
@@ -34,6 +35,7 @@ from cpmkit.manifold.mixed_dimension import near_miss_warnings
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.data import Data, Functional, is_sequence
 from cpmkit.scene.equations import Terms
+from cpmkit.scene.laws import Spectral
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.special_data import ReactionAt
 from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
@@ -420,8 +422,10 @@ class GalerkinUnion(Discretized):
             part, loop = self._part_with_loop(boundary)
             return part.form.flux(u[part.unknowns], loop, side, time)
         found = [part.form.flux(u[part.unknowns], boundary, side, time) for part in self.parts]
-        known = [each for each in found if each is not None]
-        return np.sum(known, axis=0) if known else None
+        if any(conditions_with_law(form.conditions, Spectral) for form in self.forms):
+            return None
+        # nothing flows out of an edge without a condition
+        return sum((each for each in found if each is not None), np.zeros(u.shape[1]))
 
     def _part_with_loop(self, loop: int) -> tuple[UnionPart, int]:
         """Return the part with an edge loop of the union, and the loop's number there; InputError if there is none."""

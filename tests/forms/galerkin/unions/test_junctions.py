@@ -130,11 +130,12 @@ def test_species_inside_and_on_the_membrane_react_each_by_its_own_law():
     apart = ck.solve(ck.Scene(cell, equation, junctions=ck.Junction(resistance=1e9)), 0.4)
     assert apart.of_dimension(3).mean() == pytest.approx(2 * np.exp(-0.5), rel=1e-3)
     assert apart.of_dimension(2).mean() == pytest.approx(1 / (1 + 4 * np.exp(-0.5)), rel=1e-3)
-    equation = ck.ReactionDiffusion(
-        initial, ck.MemberData(cell, [lambda u: -u, lambda v: -v]), kappa=1.0, until=0.5, step=0.01
-    )
+    decay = ck.MemberData(cell, [lambda u: -u, lambda v: -v])
+    equation = ck.ReactionDiffusion(initial, decay, kappa=1.0, until=0.5, step=0.01, frames=1)
     joined = ck.solve(ck.Scene(cell, equation, junctions=ck.Junction(resistance=0.5)), 0.4)
     total = joined.integrate(dim=3) + joined.integrate(dim=2)
+    assert joined.of_dimension(2).frames[-1].mean() == joined.of_dimension(2).mean()
+    assert joined.flux("edge") == 0
     assert total == pytest.approx(np.exp(-0.5) * (2 * 4 * np.pi / 3 + 0.2 * 4 * np.pi), rel=1e-3)
 
 
@@ -189,6 +190,13 @@ def test_the_estimate_is_about_the_error(name):
     solution = ck.solve(ck.Scene(both, ck.ScreenedPoisson(0.0), edge=edge, junctions=junctions), 0.1)
     true = abs(solution.of_dimension(1).evaluate([2.0, 0, 0]) - rod_on_sphere(0.05)[1])
     assert solution.error.error[0] > true
+
+
+def test_the_flux_into_a_curve_is_read_at_its_cut():
+    """From both sides of the equator 2 pi flow into it, with the conormals out of them."""
+    surface = ck.solve(ring_on_sphere(1.0).scene, 0.14).of_dimension(2)
+    for side in ("left", "right"):
+        assert surface.flux("junction 1/0", side) == pytest.approx(-2 * np.pi, rel=5e-3)
 
 
 def test_solutions_are_saved_read_by_dimension_and_integrated(tmp_path):
