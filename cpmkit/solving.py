@@ -29,6 +29,7 @@ from cpmkit.runtime.messages import collected_warnings, did_you_mean, warn_each
 from cpmkit.runtime.options import document_options, split_options
 from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.equations import EigenFamily, TimeFamily
+from cpmkit.scene.junction import junctions_in_words
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Progress
@@ -223,6 +224,8 @@ def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
     chosen = model.choose_solver(solver, unknowns)
     model.check_fits(unknowns, chosen)
     parts = [Part("unknowns of the manifold", _rounded_count(at_surface), f"form {options.form!r}: {options.reason}")]
+    if options.form == "galerkin":
+        parts += [Part(*words) for words in junctions_in_words(scene.surface, scene.junctions)]
     for boundary, count in zip(scene.boundaries, at_boundaries, strict=True):
         why = f"each side has its own: {sides_in_words(boundary)}"
         parts.append(Part(f"unknowns at {boundary.name!r}", _rounded_count(count), why))

@@ -106,6 +106,21 @@ def junction_of(junctions: Junctions, first: int, second: int) -> Junction:
     return junctions.get((low, high), Junction())
 
 
+def junctions_in_words(surface: ClosestPointSource, junctions: Junctions) -> list[tuple[str, str, str]]:
+    """Return the name, the way the members meet, and the law of each junction of a union, in words."""
+    found = []
+    for meeting in meetings_of(surface):
+        law = junction_of(junctions, meeting.lower, meeting.higher)
+        count = len(meeting.places)
+        how = f"{count} point{'s' * (count > 1)}" if meeting.how == "points" else meeting.how
+        words = f"resistance {law.resistance:g}" if law.resistance else "u is continuous"
+        words += f", radius {law.radius:g}" if law.radius is not None and meeting.how == "points" else ""
+        found.append(
+            (f"junction {meeting.lower}/{meeting.higher}", how, f"{words}; what leaves one member enters the other")
+        )
+    return found
+
+
 def unsupported_junction(surface: ClosestPointSource) -> str:
     """Return in words the first place of a union where members meet in a way that no law covers; "" without one."""
     members = members_of(surface)

@@ -18,6 +18,7 @@ from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, suggest_spacing
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.manifold.local_source import largest_dim
+from cpmkit.scene.junction import junctions_in_words
 from cpmkit.types import Progress
 
 if TYPE_CHECKING:
@@ -141,6 +142,7 @@ class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
             where = "at creases and junctions" + ", and between near parts" * has_charts
             why = f"the mesh is cut {where}: each side has splines of its own, and u is continuous"
             parts.append(Part("ties", f"{counts['ties']:,} facets", why))
+        parts += [Part(*words) for words in junctions_in_words(self.scene.surface, self.scene.junctions)]
         for each in _forms_of(form):
             for boundary, oriented in zip(each.scene.boundaries, each.sampled.oriented, strict=True):
                 why = f"the mesh is cut there, each side has splines of its own: {sides_in_words(boundary)}"

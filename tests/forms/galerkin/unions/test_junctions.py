@@ -251,6 +251,16 @@ def test_what_no_law_covers_is_refused_and_left_to_collocation(members, sentence
     assert sentence in form.describe()["form_reason"]
 
 
+@pytest.mark.parametrize("dry_run", [False, True])
+def test_an_explanation_lists_the_junctions(dry_run):
+    parts = ck.explain(scene_of("ring and rod", ck.ScreenedPoisson(1.0)), 0.3, dry_run=dry_run).parts
+    found = {part.name: (part.amount, part.reason) for part in parts if part.name.startswith("junction")}
+    assert found["junction 1/0"][0] == "along"
+    assert "resistance 0.1" in found["junction 1/0"][1]
+    assert found["junction 2/0"][0] == "1 point"
+    assert "radius 0.05" in found["junction 2/0"][1]
+
+
 def test_members_that_almost_touch_are_named():
     rod = ck.source("analytic.segment", start=[1.05, 0, 0], end=[3.0, 0, 0])
     scene = ck.Scene(ck.source("union", members=[SPHERE, rod]), ck.ScreenedPoisson(1.0))
