@@ -9,10 +9,11 @@ import numpy as np
 from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.manifold.mixed_dimension import touching_distance
 from cpmkit.manifold.orientation import AS_GIVEN, Orientation
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.manifold.tangent_space import left_conormals, outward_conormals, unit_normals, unit_tangents
-from cpmkit.manifold.vector_algebra import dots, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import depends_on_sides, same_condition
 from cpmkit.scene.left import MIN_CHORD_COSINE, Left, SampledBoundary, samplings
@@ -143,7 +144,7 @@ def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
     dimensions = np.array([manifold.largest_dim])
     if len({member.manifold_dim for member in manifold.members}) > 1:
         samples, _ = next(samplings(source, manifold))
-        dimensions = manifold.dimensions_at(manifold.closest_point(samples.points))
+        dimensions = _dimensions_along(samples.points, source, manifold)
     dimension = dimension_along(boundary.name, source, manifold, dimensions)
     oriented = OrientedBoundary(boundary, source, manifold, dimension, Left(AS_GIVEN, "nothing", origin))
     if oriented.has_sides:
@@ -152,6 +153,20 @@ def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
         oriented = replace(oriented, left=replace(left, queries=queries))
     _check_sides(oriented)
     return oriented
+
+
+def _dimensions_along(points: Floats, source: LocalSource, surface: LocalSource) -> Ints:
+    """Return the dimensions (n,) of a union at ``points`` (n, d) of the boundary ``source``.
+
+    Where members lie on each other it is the lowest dimension above that of the boundary, if they touch all points.
+    """
+    touching = touching_distance(surface.source)
+    for dim in sorted({member.largest_dim for member in surface.members}):
+        members = [member for member in surface.members if member.largest_dim == dim]
+        gaps = np.min([norms(member.closest_point(points).points - points) for member in members], axis=0)
+        if dim > (source.manifold_dim or 0) and gaps.max() <= touching:
+            return np.full(len(points), dim)
+    return surface.dimensions_at(surface.closest_point(points))
 
 
 def dimension_along(name: str, source: LocalSource, surface: LocalSource, dimensions: Ints) -> int:

@@ -69,6 +69,10 @@ class ImposedCondition:
         return np.concatenate(self.sides)
 
 
+class ClosedManifoldError(SceneError):
+    """A condition is given for the edge of a manifold that has none."""
+
+
 def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) -> list[ImposedCondition]:
     """Return those ``conditions`` whose law is an instance of one of the classes ``kinds``."""
     return [condition for condition in conditions if isinstance(condition.law, kinds)]
@@ -195,7 +199,7 @@ def _rim_conditions(
                 "out, or correct the number."
             )
     elif not len(rows) and not _covers_rims(samples):
-        raise SceneError("the manifold is closed and has no edge, so `edge` cannot be given; leave it out.")
+        raise ClosedManifoldError("the manifold is closed and has no edge, so `edge` cannot be given; leave it out.")
     conditions = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
     check_parts_used(scene.edge, [condition for condition, _ in conditions])
     for condition, chosen in conditions:

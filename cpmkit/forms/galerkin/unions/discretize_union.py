@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_law
+from cpmkit.forms.galerkin.conditions.imposed_conditions import ClosedManifoldError, conditions_with_law
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.unions.junctions import ON_SPACINGS, Contact, PointContact, mean_over_circles
-from cpmkit.forms.galerkin.unions.part_scenes import scenes_by_dimension
+from cpmkit.forms.galerkin.unions.part_scenes import scenes_by_dimension, without_edge
 from cpmkit.forms.galerkin.unions.union_form import GalerkinUnion, UnionPart
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import lattice_of
@@ -38,7 +38,7 @@ def discretize_union(
     options = replace(options, origin=lattice_of(scene.surface, options.spacing, options.origin).origin)
     parts: list[UnionPart] = []
     for numbers, own in scenes_by_dimension(scene):
-        form = discretize(own, options, progress)
+        form, is_closed = _discretize_part(own, options, progress, discretize)
         unknowns, points = (parts[-1].unknowns.stop, parts[-1].points.stop) if parts else (0, 0)
         taken = _taken_edge(scene, numbers, form)
         part = UnionPart(
@@ -47,8 +47,11 @@ def discretize_union(
             slice(unknowns, unknowns + form.size),
             slice(points, points + form.sampled.interior),
             taken,
+            is_closed,
         )
         parts.append(part.without_taken_edge())
+    if all(part.is_closed for part in parts):
+        raise ClosedManifoldError("the members are closed and have no edge, so `edge` cannot be given; leave it out.")
     contacts = {}
     for high, low in zip(range(1, len(parts)), range(len(parts)), strict=False):
         contact = _contact(scene, parts[high], parts[low])
@@ -61,6 +64,16 @@ def discretize_union(
         high, low = dims.index(2), dims.index(1)
         points_of[high, low] = _point_contact(scene, parts[high].form, parts[low].form, at_points)
     return GalerkinUnion(scene, options, tuple(parts), contacts, points_of)
+
+
+def _discretize_part(
+    scene: Scene, options: Options[GalerkinOptions], progress: Progress, discretize: Discretize
+) -> tuple[Galerkin, bool]:
+    """Return the form of a scene on members of one dimension, and whether they have no edge for its conditions."""
+    try:
+        return discretize(scene, options, progress), False
+    except ClosedManifoldError:
+        return discretize(without_edge(scene), options, progress), True
 
 
 def _taken_edge(scene: Scene, numbers: Sequence[int], form: Galerkin) -> Ints:

@@ -47,9 +47,19 @@ def scenes_by_dimension(scene: Scene) -> list[tuple[tuple[int, ...], Scene]]:
             boundaries += _cuts(scene, meeting, numbers, own)
         problem = restrict_fields(scene.problem, partial(restrict_data, numbers=numbers, own=own))
         part = Scene(own, problem, boundaries, _edge(scene, numbers, own))
-        vars(part)["channels"] = scene.channels  # data of other parts may have more channels than those of this one
-        found.append((numbers, part))
+        found.append((numbers, _with_channels(part, scene.channels)))
     return found
+
+
+def _with_channels(part: Scene, channels: int) -> Scene:
+    """Return a scene of a part with so many ``channels``: data of other parts may have more than its own."""
+    vars(part)["channels"] = channels
+    return part
+
+
+def without_edge(part: Scene) -> Scene:
+    """Return the scene of a closed ``part`` without the conditions that the edge of other parts has."""
+    return _with_channels(Scene(part.surface, part.problem, part.boundaries), part.channels)
 
 
 def _dimension_at(scene: Scene, boundary: Boundary) -> int:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field
 from cpmkit.forms.form_records import Diagnosis, FormTraits, StateDependentCoefficient, StateFlux
@@ -26,7 +26,13 @@ from cpmkit.forms.galerkin.unions.junctions import (
     contact_blocks,
     point_contact_blocks,
 )
-from cpmkit.forms.galerkin.unions.part_scenes import own_loop_of, restrict_data, restrict_fields, scenes_by_dimension
+from cpmkit.forms.galerkin.unions.part_scenes import (
+    own_loop_of,
+    restrict_data,
+    restrict_fields,
+    scenes_by_dimension,
+    without_edge,
+)
 from cpmkit.forms.options import Options
 from cpmkit.linear.multigrid.solver import Level
 from cpmkit.linear.operators import Bordered, CsrOperator, Operator, Stiffness
@@ -57,6 +63,12 @@ class UnionPart:
     unknowns: slice  #: Their unknowns among those of the union.
     points: slice  #: Their samples among those of the union.
     taken: Ints  #: (k,): the samples on their edge that lie on other members.
+    is_closed: bool  #: Whether they have no edge, so that the scene's conditions there are those of other members.
+
+    def with_scene(self, scene: Scene) -> UnionPart:
+        """Return the part with another scene on the same members, which differs in its equation and its data only."""
+        scene = without_edge(scene) if self.is_closed else scene
+        return replace(self, form=self.form.with_scene(scene)).without_taken_edge()
 
     def without_taken_edge(self) -> UnionPart:
         """Return the part with the conditions on the edge imposed off other members only."""
@@ -65,6 +77,11 @@ class UnionPart:
             rows = condition.rows
             if condition.label == "the edge's condition":
                 rows = rows[~np.isin(rows, self.taken)]
+                if not len(rows) and isinstance(self.form.scene.edge, Mapping) and not condition.law.is_zero_flux:
+                    raise SceneError(
+                        f"`edge` gives {condition.kind} for a loop that lies on another member of the union, where "
+                        "the junction is the law; leave its number out."
+                    )
                 condition = replace(condition, sides=(rows,))
             kept += [condition] if len(rows) else []
         return replace(self, form=replace(self.form, conditions=tuple(kept)))
@@ -150,10 +167,7 @@ class GalerkinUnion(Discretized):
     def with_scene(self, scene: Scene) -> GalerkinUnion:
         """Return the form on the same unknowns for a scene that differs in its equation and its data only."""
         scenes = [own for _, own in scenes_by_dimension(scene)]
-        parts = [
-            replace(part, form=part.form.with_scene(own)).without_taken_edge()
-            for part, own in zip(self.parts, scenes, strict=True)
-        ]
+        parts = [part.with_scene(own) for part, own in zip(self.parts, scenes, strict=True)]
         return replace(self, scene=scene, parts=tuple(parts))
 
     @property

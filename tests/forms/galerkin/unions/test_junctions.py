@@ -106,18 +106,18 @@ def scene_of(name, problem):
 @pytest.mark.parametrize("name", SCENES)
 def test_constants_total_symmetry_and_signs(name):
     steady = scene_of(name, ck.ScreenedPoisson(2.0, c=1.0))
-    form = ck.discretize(steady, 0.25)
+    form = ck.discretize(steady, 0.35)
     matrix = form.stiffness(steady.problem.terms()).to_csr()
     assert abs(matrix - matrix.T).max() == 0
-    assert np.abs(form.at_points(ck.solve(steady, 0.25).values) - 2.0).max() < 1e-9
-    laplace = ck.discretize(scene_of(name, ck.Laplace()), 0.25).stiffness(ck.Laplace().terms())
+    assert np.abs(form.at_points(ck.solve(steady, 0.35).values) - 2.0).max() < 1e-9
+    laplace = ck.discretize(scene_of(name, ck.Laplace()), 0.35).stiffness(ck.Laplace().terms())
     assert np.abs(laplace.apply(form.constant)).max() < 1e-11 * np.abs(laplace.diagonal).max()
-    eigenvalues = ck.solve(scene_of(name, ck.Eigen(count=4)), 0.25).eigenvalues
+    eigenvalues = ck.solve(scene_of(name, ck.Eigen(count=4)), 0.35).eigenvalues
     assert eigenvalues[0] == pytest.approx(0.0, abs=1e-9)
     assert eigenvalues[1] > 0.01
     warm = ck.Heat(initial=lambda x: np.exp(-4 * ((x - [1.0, 0, 0]) ** 2).sum(axis=1)), until=1.0, step=0.02)
     short = ck.Heat(initial=warm.initial, until=0.02, step=0.02)
-    first, last = (ck.solve(scene_of(name, problem), 0.25) for problem in (short, warm))
+    first, last = (ck.solve(scene_of(name, problem), 0.35) for problem in (short, warm))
     np.testing.assert_allclose(last.totals, first.totals, rtol=1e-11)
 
 
@@ -259,6 +259,23 @@ def test_an_explanation_lists_the_junctions(dry_run):
     assert "resistance 0.1" in found["junction 1/0"][1]
     assert found["junction 2/0"][0] == "1 point"
     assert "radius 0.05" in found["junction 2/0"][1]
+
+
+def test_a_curve_on_a_membrane_belongs_to_the_membrane():
+    cell = ck.source("union", members=[BALL, SPHERE])
+    pole = ck.source("analytic.circle", center=[0, 0, 0.6], normal=[0, 0, 1], radius=0.8)
+    scene = ck.Scene(cell, ck.Laplace(), [ck.Boundary("pole", pole, both=2.0)])
+    solution = ck.solve(scene, 0.3)
+    assert solution.discretized.form == "galerkin"
+    np.testing.assert_allclose([solution.of_dimension(m).mean() for m in (2, 3)], 2.0, rtol=1e-6)
+
+
+def test_an_edge_on_another_member_has_no_condition():
+    cell = ck.source("union", members=[BALL, SPHERE])
+    with pytest.raises(SceneError, match="lies on another member of the union"):
+        ck.solve(ck.Scene(cell, ck.ScreenedPoisson(1.0), edge={0: ck.Dirichlet(1.0)}), 0.4)
+    everywhere = ck.Scene(cell, ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(5.0))
+    assert ck.solve(everywhere, 0.4).evaluate([0, 0, 0]) == pytest.approx(1.0)
 
 
 def test_members_that_almost_touch_are_named():
