@@ -13,6 +13,7 @@ from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.adjacency import box_size, repair, rim_of_edges
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.meshing.curved_from_normals import refine_smooth_triangles
+from cpmkit.meshing.meeting_curves import join_curves
 from cpmkit.meshing.mesh_cache import mesh_cache_of, repair_source_mesh, untranslated_source
 
 #: A mesh with more triangles than this on a square of its edge length costs more samples than it is worth: equal
@@ -36,7 +37,7 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
 
     A mesh or polyline has its own cells, curved where it is read as smooth; an analytic or parametric shape has a mesh
     of itself. Meshes of level sets in space have too many triangles, of bad shape. Members of a union have separate
-    cells; where they meet, only closest points reveal the junction.
+    cells; curves are split where they meet, and where surfaces meet, only closest points reveal the junction.
 
     ``length``: longest edge of the cells of a curved manifold; flat cells stay as they are. ``shortest``: edge length
     of a second attempt, where cells of ``length`` do not follow the manifold or have a bad shape; None for no attempt.
@@ -129,18 +130,23 @@ def _cells_of_union(source: LocalSource, length: float, shortest: float | None) 
         return None
     parts: list[SourceCells] = []
     for member in source.members:
-        cells = source_cells(member, length, shortest)
-        if cells is None:
+        part = source_cells(member, length, shortest)
+        if part is None:
             return None
-        parts.append(cells)
+        parts.append(part)
     meshes = [part.mesh for part in parts]
+    geometries = {part.geometry for part in parts}
+    geometry = geometries.pop() if len(geometries) == 1 else "closest_point"
+    if source.manifold_dim == 1:
+        curves = [(member, repair(mesh)[0]) for member, mesh in zip(source.members, meshes, strict=True)]
+        joined = join_curves(curves, length)
+        return None if joined is None else SourceCells(joined, geometry)
     if any(_have_common_points(*a, *b) for a, b in combinations(zip(source.members, meshes, strict=True), 2)):
         return None
-    geometries = {part.geometry for part in parts}
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     vertices = np.concatenate([mesh.vertices for mesh in meshes])
-    joined = np.concatenate([mesh.cells + start for mesh, start in zip(meshes, starts, strict=True)])
-    return SourceCells(Mesh.of(vertices, joined), geometries.pop() if len(geometries) == 1 else "closest_point")
+    cells = np.concatenate([mesh.cells + start for mesh, start in zip(meshes, starts, strict=True)])
+    return SourceCells(Mesh.of(vertices, cells), geometry)
 
 
 def _have_common_points(first: LocalSource, first_mesh: Mesh, second: LocalSource, second_mesh: Mesh) -> bool:

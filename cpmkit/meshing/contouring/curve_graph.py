@@ -66,7 +66,7 @@ def split_at_vertices(source: LocalSource, graph: CurveGraph, reach: float) -> C
     lies_on = (distance < reach) & (np.minimum(share, 1 - share) * length > reach)
     lies_on &= (graph.segments[segment] != vertex[:, None]).all(axis=1)
     vertex, segment = vertex[lies_on], segment[lies_on]
-    segments = _split_segments(graph, segment, vertex, graph.vertices[vertex])
+    segments = split_segments(graph.vertices, graph.segments, segment, vertex, graph.vertices[vertex])
     segments = _distinct(segments)
     return replace(graph, segments=segments, midpoints_on_curve=project_middles(source, graph.vertices, segments))
 
@@ -77,6 +77,7 @@ def _refine_junctions(source: LocalSource, graph: CurveGraph, step: float) -> Cu
     The first place of a junction is off by the curvature of the strands. The tangent of a strand is the secant of two
     closest points ahead of the junction, nearer in later rounds. The new place has the least sum of squared distances
     from the tangents. A junction stays if the tangents are nearly parallel, or if it would move by more than a step.
+    Junctions that become one are moved again, with the strands of both.
     """
     ends = np.concatenate([graph.segments, graph.segments[:, ::-1]])
     junctions = np.flatnonzero(np.bincount(ends[:, 0]) > 2)
@@ -98,8 +99,11 @@ def _refine_junctions(source: LocalSource, graph: CurveGraph, step: float) -> Cu
         accepted = norms(meeting - graph.vertices[moved]) < step
         vertices[moved[accepted]] = meeting[accepted]
     is_junction = np.isin(np.arange(len(vertices)), junctions)
-    segments = _distinct(_merge_into_junctions(vertices, is_junction, 0.2 * step)[graph.segments])
-    return CurveGraph(vertices, segments, project_middles(source, vertices, segments), graph.ends)
+    same = _merge_into_junctions(vertices, is_junction, 0.2 * step)
+    segments = _distinct(same[graph.segments])
+    refined = CurveGraph(vertices, segments, project_middles(source, vertices, segments), graph.ends)
+    are_one = (same[junctions] != junctions).any()
+    return _refine_junctions(source, refined, step) if are_one else refined
 
 
 def add_corners(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
@@ -120,12 +124,14 @@ def add_corners(source: LocalSource, graph: CurveGraph, step: float) -> CurveGra
     rows, meeting = off[turned][near], meeting[near]
     new = len(graph.vertices) + np.arange(len(rows))
     vertices = np.concatenate([graph.vertices, meeting])
+    same = _merge_into_junctions(vertices, np.arange(len(vertices)) >= len(graph.vertices), NEAR_CHORDS * step)
     halves = np.concatenate([np.stack([graph.segments[rows, end], new], axis=1) for end in range(2)])
-    segments = np.concatenate([np.delete(graph.segments, rows, axis=0), halves])
+    segments = same[np.concatenate([np.delete(graph.segments, rows, axis=0), halves])]
     on_curve = np.concatenate(
         [np.delete(graph.midpoints_on_curve, rows, axis=0), project_middles(source, vertices, halves)]
     )
-    return replace(graph, vertices=vertices, segments=segments, midpoints_on_curve=on_curve)
+    has_length = segments[:, 0] != segments[:, 1]
+    return replace(graph, vertices=vertices, segments=segments[has_length], midpoints_on_curve=on_curve[has_length])
 
 
 def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
@@ -139,7 +145,8 @@ def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> C
     old = len(graph.vertices)
     new = old + np.arange(len(points))
     same = _merge_into_junctions(vertices, np.arange(len(vertices)) >= old, 0.2 * step)
-    segments = same[_split_segments(graph, np.concatenate([i, j]), np.tile(new, 2), np.tile(points, (2, 1)))]
+    pair, twice = np.concatenate([i, j]), np.tile(points, (2, 1))
+    segments = same[split_segments(vertices, graph.segments, pair, np.tile(new, 2), twice)]
     segments = _distinct(segments)
     is_tip = np.zeros(len(vertices), dtype=bool)
     is_tip[graph.ends] = True
@@ -175,7 +182,7 @@ def _self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> tupl
     on_i, on_j = np.zeros_like(along[0]), np.zeros_like(along[0])
     for start_i, end_i in ((a[i], on_curve[i]), (on_curve[i], b[i])):
         for start_j, end_j in ((a[j], on_curve[j]), (on_curve[j], b[j])):
-            p, q = _nearest_on_chords(start_i, end_i, start_j, end_j)
+            p, q = nearest_on_chords(start_i, end_i, start_j, end_j)
             distance = norms(p - q)
             nearer = distance < best
             best = np.where(nearer, distance, best)
@@ -205,7 +212,7 @@ def _are_linked(graph: CurveGraph, pairs: Ints) -> Bools:
     return np.asarray(np.isin(codes, row.astype(np.int64) * size + column).any(axis=(1, 2)))
 
 
-def _nearest_on_chords(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[Floats, Floats]:
+def nearest_on_chords(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[Floats, Floats]:
     """Return the points (n, d) of two chords, from a to b and from c to d, that are nearest to each other."""
     u, v, w = b - a, d - c, a - c
     uu, uv, vv, uw, vw = dots(u, u), dots(u, v), dots(v, v), dots(u, w), dots(v, w)
@@ -256,16 +263,17 @@ def _merge_into_junctions(vertices: Floats, is_junction: Bools, reach: float) ->
     return np.asarray(representative[group])
 
 
-def _split_segments(graph: CurveGraph, segment: Ints, new: Ints, points: Floats) -> Ints:
-    """Return all segments (s, 2), ``segment`` (k,) being split at the vertices ``new`` (k,) at ``points`` (k, d)."""
-    a, b = graph.vertices[graph.segments[segment]].transpose(1, 0, 2)
+def split_segments(vertices: Floats, segments: Ints, segment: Ints, new: Ints, points: Floats) -> Ints:
+    """Return segments (s, 2) between ``vertices`` (v, d), some split.
+
+    The segments numbered ``segment`` (k,) are split at the new vertices ``new`` (k,) at ``points`` (k, d).
+    """
+    a, b = vertices[segments[segment]].transpose(1, 0, 2)
     order = np.lexsort((dots(points - a, b - a) / dots(b - a, b - a), segment))
     segment, new = segment[order], new[order]
-    first = np.searchsorted(segment, np.arange(len(graph.segments)))
-    parts = np.bincount(segment, minlength=len(graph.segments))
-    return np.stack(
-        [np.insert(new, first, graph.segments[:, 0]), np.insert(new, first + parts, graph.segments[:, 1])], axis=1
-    )
+    first = np.searchsorted(segment, np.arange(len(segments)))
+    parts = np.bincount(segment, minlength=len(segments))
+    return np.stack([np.insert(new, first, segments[:, 0]), np.insert(new, first + parts, segments[:, 1])], axis=1)
 
 
 def near_chords(points: Floats, starts: Floats, stops: Floats, reach: float) -> tuple[Ints, Ints, Floats, Floats]:

@@ -1,0 +1,136 @@
+"""Curves that meet: the segments of each, split where it meets another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.mesh.adjacency import WELDED_SIZE_SHARE, box_size, repair
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.meshing.contouring.curve_graph import near_chords, nearest_on_chords, split_segments
+from cpmkit.types import Bools, Floats, Ints
+
+#: Newton's rounds; one halves the distance from a point where two curves touch.
+ROUNDS = 12
+#: The sine of the angle between two curves below which they touch, or run along each other, where they meet.
+LEAST_SINE = 0.02
+
+
+def join_curves(curves: Sequence[tuple[LocalSource, Mesh]], length: float) -> Mesh | None:
+    """Return one mesh of several curves, with a vertex where two meet; None where two touch or run along each other.
+
+    They meet in points that both have up to ``WELDED_SIZE_SHARE`` of their box. Each curve has flat segments, repaired,
+    with vertices on it and as a rule not longer than ``length``. If no two meet, the mesh has all segments unchanged.
+    """
+    vertices = np.concatenate([mesh.vertices for _, mesh in curves])
+    starts = np.cumsum([0] + [len(mesh.vertices) for _, mesh in curves])
+    tolerance, joints = WELDED_SIZE_SHARE * box_size(vertices), [vertices[:0] for _ in curves]
+    for i, j in combinations(range(len(curves)), 2):
+        meeting = _joints(curves[i], curves[j], length, tolerance)
+        if meeting is None:
+            return None
+        joints[i], joints[j] = np.concatenate([joints[i], meeting]), np.concatenate([joints[j], meeting])
+    cells = []
+    for (source, mesh), start, points in zip(curves, starts, joints, strict=False):
+        segments = split_segments(
+            mesh.vertices,
+            mesh.cells,
+            _segments_at(source, mesh, points),
+            len(vertices) - start + np.arange(len(points)),
+            points,
+        )
+        cells.append(segments + start)
+        vertices = np.concatenate([vertices, points])
+    mesh = Mesh.of(vertices, np.concatenate(cells))
+    return repair(mesh)[0] if len(vertices) > starts[-1] else mesh
+
+
+def _joints(
+    first: tuple[LocalSource, Mesh], second: tuple[LocalSource, Mesh], length: float, tolerance: float
+) -> Floats | None:
+    """Return the points (k, d) where two curves meet, ends first; None if they touch apart from their ends."""
+    at_ends = []
+    for (_, mesh), (other, _) in ((first, second), (second, first)):
+        ends = mesh.vertices[np.bincount(mesh.cells.ravel(), minlength=len(mesh.vertices)) == 1]
+        at_ends.append(ends[norms(other.closest_point(ends).points - ends) <= tolerance])
+    ends = np.concatenate(at_ends)
+    crossings, is_touching = _crossings(first, second, length, tolerance)
+    if len(ends):
+        distances = norms(crossings[:, None] - ends).min(axis=1)
+        apart = distances > np.where(is_touching, length, 2 * tolerance)
+        crossings, is_touching = crossings[apart], is_touching[apart]
+    return None if is_touching.any() else np.concatenate([ends, crossings])
+
+
+def _crossings(
+    first: tuple[LocalSource, Mesh], second: tuple[LocalSource, Mesh], length: float, tolerance: float
+) -> tuple[Floats, Bools]:
+    """Return points (k, d) of both curves, where tangents of both meet, and whether these are about parallel there.
+
+    They start from chords that are nearer to each other than both curves are to the chords.
+    """
+    (a, b), (c, d) = (mesh.vertices[mesh.cells].transpose(1, 0, 2) for _, mesh in (first, second))
+    heights = [_heights(*curve) for curve in (first, second)]
+    reach = 2 * (heights[0].max() + heights[1].max()) + tolerance
+    i, j = _near_pairs(a, b, c, d, reach)
+    p, q = nearest_on_chords(a[i], b[i], c[j], d[j])
+    near = norms(p - q) <= 2 * (heights[0][i] + heights[1][j]) + tolerance
+    i, j, x = i[near], j[near], 0.5 * (p + q)[near]
+    tangents = [unit((b - a)[i]), unit((d - c)[j])]
+    sources = first[0], second[0]
+    for ahead in length * 10.0 ** np.linspace(-2, -7, ROUNDS):
+        points = [source.closest_point(x).points for source in sources]
+        tangents = [_secants(*at, ahead) for at in zip(sources, points, tangents, strict=True)]
+        gap, sine, step = _meeting(*points, *tangents)
+        x = points[0] + step * np.minimum(1.0, length / np.maximum(norms(step), length))[:, None]
+    met = gap <= tolerance
+    return points[0][met], sine[met] < LEAST_SINE
+
+
+def _near_pairs(a: Floats, b: Floats, c: Floats, d: Floats, reach: float) -> tuple[Ints, Ints]:
+    """Return pairs (k,), (k,) of chords, from a to b (n, d) and from c to d (m, d), that may come within ``reach``."""
+    from scipy.spatial import KDTree
+
+    far = 0.5 * (norms(b - a) + norms(d - c).max()) + reach
+    near = KDTree(0.5 * (c + d)).query_ball_point(0.5 * (a + b), far)
+    counts = [len(rows) for rows in near]
+    return np.repeat(np.arange(len(a)), counts), np.concatenate([np.zeros(0), *near]).astype(np.int64)
+
+
+def _heights(source: LocalSource, mesh: Mesh) -> Floats:
+    """Return the distances (s,) of a curve from the middles of its segments."""
+    middles = mesh.vertices[mesh.cells].mean(axis=1)
+    return norms(source.closest_point(middles).points - middles)
+
+
+def _secants(source: LocalSource, points: Floats, tangents: Floats, ahead: float) -> Floats:
+    """Return unit vectors (k, d) from the closest point behind ``points`` (k, d) to the one ahead of them."""
+    ends = [source.closest_point(points + sign * ahead * tangents).points for sign in (1, -1)]
+    return unit(ends[0] - ends[1])
+
+
+def _meeting(p: Floats, q: Floats, along_p: Floats, along_q: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the distances (k,) of p and q (k, d), the sine of the angle of tangents there, and steps to their meeting.
+
+    The step (k, d) leads from p to the middle of the points where the tangents, unit vectors (k, d), are nearest to
+    each other; to the middle of p and q where they are parallel.
+    """
+    off, cosine = q - p, dots(along_p, along_q)
+    squared = np.maximum(1 - cosine**2, 1e-12)
+    s = (dots(off, along_p) - cosine * dots(off, along_q)) / squared
+    t = (cosine * dots(off, along_p) - dots(off, along_q)) / squared
+    step = 0.5 * (s[:, None] * along_p + off + t[:, None] * along_q)
+    return norms(off), np.sqrt(squared), step
+
+
+def _segments_at(source: LocalSource, mesh: Mesh, points: Floats) -> Ints:
+    """Return the segment (k,) of a curve's mesh that is nearest to each of its ``points`` (k, d)."""
+    a, b = mesh.vertices[mesh.cells].transpose(1, 0, 2)
+    reach = 2 * float(_heights(source, mesh).max()) + WELDED_SIZE_SHARE * box_size(mesh.vertices)
+    row, chord, distance, _ = near_chords(points, a, b, reach)
+    order = np.lexsort((distance, row))
+    return chord[order[np.unique(row[order], return_index=True)[1]]]
