@@ -264,7 +264,7 @@ def _combine_estimates(errors: Floats, alone: ExpectedError, unit: Floats) -> Fl
     """
     expected = np.stack([alone.rms, alone.largest]) / unit
     # less where it is the larger one: a coarse lattice that does not resolve the solution makes differences large
-    weight = np.where(errors > expected, 0.35, 0.5)
+    weight = np.where(errors > expected, 0.35, 0.0 if alone.differences_cancel else 0.5)
     mean = errors**weight * np.maximum(expected, np.finfo(float).tiny) ** (1 - weight)
     # at least .45 of the errors from coarse solutions: the solution alone does not show the errors of quadrature;
     # where a solution is hardly resolved, estimates are too small by a factor of 1.7 (measured)

@@ -138,6 +138,8 @@ class ExpectedError:
     rms: Floats
     largest: Floats
     unresolved: bool  #: Whether u has waves or peaks that the lattice hardly resolves; errors may then be larger.
+    #: Whether errors of two solutions may be equal, where u is singular, so that their difference is too small.
+    differences_cancel: bool = False
 
 
 @dataclass(frozen=True, eq=False)

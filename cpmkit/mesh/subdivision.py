@@ -216,7 +216,7 @@ def split_segments_equally(mesh: Mesh, length: float) -> Mesh:
     parts = np.maximum(np.ceil(norms(ends[:, 1] - ends[:, 0]) / length), 1).astype(np.int64)
     segment, place = expand_counts(parts - 1)
     share = (place + 1) / parts[segment]
-    return _split_segments(mesh, segment, _interpolate(ends[segment, 0], ends[segment, 1], share))
+    return split_segments(mesh, segment, _interpolate(ends[segment, 0], ends[segment, 1], share))
 
 
 def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None = None) -> Mesh:
@@ -245,7 +245,7 @@ def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None 
     if source is not None:
         points = source.closest_point(points).points
     points[np.arange(len(points)), axis] = plane
-    return _split_segments(mesh, segment, points)
+    return split_segments(mesh, segment, points)
 
 
 def _half_integer_crossings(start: Floats, end: Floats) -> tuple[Ints, Floats, Ints]:
@@ -285,7 +285,7 @@ def _interpolate(start: Floats, end: Floats, share: Floats) -> Floats:
     return start + share[:, None] * (end - start)
 
 
-def _split_segments(mesh: Mesh, segment: Ints, points: Floats) -> Mesh:
+def split_segments(mesh: Mesh, segment: Ints, points: Floats) -> Mesh:
     """Return the mesh with ``segment`` (n,), ascending, split at ``points`` (n, d) in their order along it."""
     number = len(mesh.vertices) + np.arange(len(points))
     first = np.searchsorted(segment, np.arange(len(mesh.cells)))

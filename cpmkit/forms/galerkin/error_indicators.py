@@ -14,7 +14,7 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import SUPPORTED, UNSUPPORTED, CellGeometry
 from cpmkit.meshing.curved_from_normals import own_curvature_support
 from cpmkit.meshing.mesh_cache import mesh_cache_of
-from cpmkit.types import Floats
+from cpmkit.types import Floats, Ints
 
 #: Largest divisors: on meshes, where orders are lower; on smooth sources that are folded on the coarser lattice, or
 #: curved about as sharply as the finer spacing on more than this share of their area, or with a layer narrower than so
@@ -34,6 +34,13 @@ FOLDED_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 1.0, 0.1
 SMOOTH, FLAT, ROUGH, ENDING, FOLDED = (145.0, 175.0), (100.0, 125.0), (22.0, 29.0), (30.0, 37.0), (60.0, 75.0)
 #: The same of cells curved from normals on organic meshes from some 10,000 unknowns on (25 to 50, and 50 to 320).
 RESOLVED = (32.0, 100.0)
+#: The same where a value and a flux are prescribed side by side, with the root mean square of third differences
+#: multiplied by the largest one in place of squared: they are of order 1.5 and .5 there, the error is of order 1 (15 to
+#: 100, and 6 to 48, at any position and spacing).
+MIXED = (38.0, 16.0)
+#: Where u is not singular at such a place, although it may be, third differences within the first distance of it are at
+#: most as large as elsewhere (.6 to 1.03 times; where u is singular 1.4 to 25 times).
+NEAR_SPACINGS, NEARBY_FACTOR = 2.5, 1.2
 #: Largest differences of smooth and flat sources are 3 to 8 times their root mean square. Where they are more than the
 #: first factor, and more than the second share of the coefficients' range, there is a peak that the lattice does not
 #: resolve yet, and third differences are too small. They are too small, too, if their root mean square exceeds that
@@ -71,7 +78,7 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
     """Return the divisor at twice the spacing in :func:`difference_order`; ``smooth`` is that of smooth sources."""
     if resolution.end_or_layer_reason():
         return SLOW_DIVISOR
-    if resolution.coefficients.sampled.slow_part_of_solid:
+    if resolution.coefficients.sampled.slow_part_of_solid or len(resolution.coefficients.sampled.mixed_edge):
         return THIN_DIVISOR
     lattices = [each.coefficients.sampled for each in (resolution, coarser) if each is not None]
     if any(each.has_charts for each in lattices):
@@ -127,12 +134,16 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
     None for splines of another degree than 2, for which nothing was measured, and where no two patches are adjacent.
     """
     dof_map, spread = resolution.coefficients.space.dof_map, resolution.normal_spread
-    third = highest_differences(dof_map, u) if dof_map.degree == 2 else u[:0]
+    if dof_map.degree != 2:
+        return None
+    third, patches = highest_differences(dof_map, u)
     if not len(third):
         return None
     sampled = resolution.coefficients.sampled
     geometry = sampled.geometry
-    if geometry == "normals":
+    if len(sampled.mixed_edge) and _is_largest_near(sampled.mixed_edge, dof_map, third, patches):
+        ratios = MIXED
+    elif geometry == "normals":
         ratios = _rough_ratios(RESOLVED, (spread.unresolved_share, (0.003, 0.01)))
     elif sampled.mesh.beyond_tip.any() or sampled.has_voids:
         ratios = ENDING
@@ -143,10 +154,27 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
     else:
         ratios = _rough_ratios(SMOOTH, (spread.unresolved_share, (0.003, 0.02)), (spread.bending_share, (0.04, 0.1)))
     rms, largest = np.sqrt(np.mean(third**2, axis=0)), np.abs(third).max(axis=0)
+    if ratios is MIXED:
+        return ExpectedError(np.sqrt(rms * largest) / ratios[0], largest / ratios[1], False, differences_cancel=True)
     even = min(ratios) > max(ROUGH + ENDING) and not sampled.has_charts
     peaked = largest > PEAKED * rms
     unresolved = even and bool((np.where(peaked, largest, rms) > WAVY * np.ptp(u, axis=0)).any())
     return ExpectedError(rms / ratios[0], largest / ratios[1], unresolved)
+
+
+def _is_largest_near(points: Floats, dof_map: DofMap, differences: Floats, patches: Ints) -> bool:
+    """Return whether ``differences`` (k, channels), in ``patches`` (k,), of some channel are largest near ``points``.
+
+    That is within `NEAR_SPACINGS` of a point (n, d), `NEARBY_FACTOR` times as large as elsewhere.
+    """
+    from scipy.spatial import cKDTree
+
+    reach = NEAR_SPACINGS * dof_map.spacing
+    tree = cKDTree(points)
+    distance = tree.query(dof_map.spacing * dof_map.cells, distance_upper_bound=reach)[0]
+    near = (distance < reach)[patches]
+    largest, elsewhere = (np.abs(differences[rows]).max(axis=0, initial=0.0) for rows in (near, ~near))
+    return bool((largest > NEARBY_FACTOR * elsewhere).any())
 
 
 def _rough_ratios(smooth: tuple[float, float], *areas: tuple[float, tuple[float, float]]) -> tuple[float, float]:
@@ -160,18 +188,18 @@ def _rough_ratios(smooth: tuple[float, float], *areas: tuple[float, tuple[float,
     return rms, largest
 
 
-def highest_differences(dof_map: DofMap, u: Floats) -> Floats:
-    """Return (k, channels) the differences of order degree + 1 of coefficients along axes, over adjacent patches.
+def highest_differences(dof_map: DofMap, u: Floats) -> tuple[Floats, Ints]:
+    """Return (k, channels) the differences of order degree + 1 of coefficients along axes, and a patch (k,) of each.
 
-    ``u`` (n, channels) are the coefficients. Two patches that touch are adjacent along an axis if their lattice cells
-    are neighbours along it and they have the same unknowns at common nodes. A pair gives width^(d - 1) lines of width +
-    1 coefficients.
+    They are over adjacent patches. ``u`` (n, channels) are the coefficients. Two patches that touch are adjacent along
+    an axis if their lattice cells are neighbours along it and they have the same unknowns at common nodes. A pair gives
+    width^(d - 1) lines of width + 1 coefficients.
     """
     width, d = dof_map.width, dof_map.dim
     signs = [(-1.0) ** (width - place) * math.comb(width, place) for place in range(width + 1)]
     first, second = dof_map.touching.T
     steps = dof_map.cells[second] - dof_map.cells[first]
-    found = [np.zeros((0, u.shape[1]))]
+    found, patches = [np.zeros((0, u.shape[1]))], [first[:0]]
     for axis in range(d):
         pairs = np.flatnonzero((np.abs(steps).sum(axis=1) == 1) & (steps[:, axis] != 0))
         ahead = steps[pairs, axis] > 0
@@ -182,7 +210,8 @@ def highest_differences(dof_map: DofMap, u: Floats) -> Floats:
         joined = (low[..., 1:] == high[..., :-1]).all(axis=tuple(range(1, d + 1)))
         lines = np.concatenate([low[joined], high[joined][..., -1:]], axis=-1).reshape(-1, width + 1)
         found.append(sum(sign * u[lines[:, place]] for place, sign in enumerate(signs)))
-    return np.concatenate(found)
+        patches.append(np.repeat(first[pairs[joined]], width ** (d - 1)))
+    return np.concatenate(found), np.concatenate(patches)
 
 
 def support_floor(surface: LocalSource, area: float, difference: float | None) -> float:

@@ -184,6 +184,8 @@ class Resolution:
         reason, share = self.end_or_layer_reason(), self.normal_spread.unresolved_share
         if reason:
             return reason
+        if len(self.coefficients.sampled.mixed_edge):
+            return "a value and a flux are prescribed side by side at the edge; the error may fall slowly"
         if part := self.coefficients.sampled.slow_part_of_solid:
             return f"{part}; the error may fall slowly"
         if share > FOLDED_SHARE:

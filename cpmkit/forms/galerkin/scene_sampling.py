@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     conditions_with_law,
     imposed_conditions,
     needs_rims,
+    part_function,
     point_warnings,
 )
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction, singular_functions
@@ -29,7 +31,15 @@ from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.mesh.adjacency import HalfFacets, cut_corners, half_facets, has_cut_corners, seam_midpoints
+from cpmkit.manifold.vector_algebra import dots
+from cpmkit.mesh.adjacency import (
+    HalfFacets,
+    cut_corners,
+    half_facets,
+    has_cut_corners,
+    rim_of_edges,
+    seam_midpoints,
+)
 from cpmkit.mesh.cell_quadrature import (
     Samples,
     longest_edge,
@@ -38,6 +48,7 @@ from cpmkit.mesh.cell_quadrature import (
     triangles_to_clip,
 )
 from cpmkit.mesh.mesh import CellGeometry, Mesh
+from cpmkit.mesh.part_borders import split_at_parts
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.creases import CREASE_OWNER, FOLD_OWNER, SLIVER_SPACINGS, VOID_OWNER, crease_facets, with_ties
 from cpmkit.meshing.curved_from_normals import curve_cells
@@ -46,12 +57,15 @@ from cpmkit.meshing.mesh_warnings import insertion_warnings, seam_warnings
 from cpmkit.meshing.sharp_creases import creased_edges
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import same_condition
+from cpmkit.scene.laws import Value
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Bools, Floats, Ints
 
 #: A boundary farther from the manifold than so many spacings is refused.
 AWAY_SPACINGS = 3.0
+#: Parts of an edge whose conormals have a larger cosine, below 60 degrees, are taken for one smooth part.
+MIXED_COSINE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +125,26 @@ class SampledScene(InsertedScene):
         """In words, the part of a solid at which errors fall slowly; empty without one, and for other manifolds."""
         return ""
 
+    @cached_property
+    def mixed_edge(self) -> Floats:
+        """(k, d): samples with values within a spacing of those of other conditions of one side, at about one conormal.
+
+        There u behaves like the root of the distance. At a right angle between the parts it need not be singular.
+        """
+        from scipy.spatial import cKDTree
+
+        kinds = np.ones(len(self.boundary), dtype=np.int64)
+        for condition in self.conditions:
+            kinds[condition.all_rows] = 2 if condition.law.couples else 0 if isinstance(condition.law, Value) else 1
+        values, others = (np.flatnonzero(kinds == kind) for kind in range(2))
+        if self.surface.largest_dim == 1 or not (len(values) and len(others)):
+            return np.zeros((0, self.mesh.dim))
+        points, conormals = self.boundary.points, self.boundary.conormals
+        tree, reach = cKDTree(points[others]), self.lattice.spacing
+        distance, nearest = tree.query(points[values], distance_upper_bound=reach)
+        values, others = values[distance < reach], others[nearest[distance < reach]]
+        return np.asarray(points[values[dots(conormals[values], conormals[others]) > MIXED_COSINE]])
+
     @property
     def has_charts(self) -> bool:
         """Whether the mesh is cut between charts."""
@@ -163,6 +197,8 @@ def sample_inserted(
     mesh = mesh if regions is None else grade_mesh(mesh, regions, longest)
     has_singular_functions = options.own.tips == "singular" and mesh.manifold_dim == 2
     mesh = grade_towards_tips(mesh, spacing) if has_singular_functions else mesh
+    if (part_at := part_function(scene, lattice)) is not None:
+        mesh = split_at_parts(mesh, rim_of_edges(mesh).rows, part_at, geometry, surface)
     mesh = curve_cells(mesh, geometry, surface, inserted.sources, spacing)
     is_uncut = geometry != "closest_point" and not len(mesh.cut)  # repaired cells have distinct vertices
     of_boundaries = mesh.cells if is_uncut else cut_corners(mesh)

@@ -13,9 +13,10 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import POINTS_OF_EDGE, Bo
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms
+from cpmkit.mesh.part_borders import PartAt
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import same_condition
-from cpmkit.scene.edge_conditions import check_parts_used, conditions_along
+from cpmkit.scene.edge_conditions import ByPosition, check_parts_used, conditions_along
 from cpmkit.scene.laws import Mixed, Value, checked_beta
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
@@ -88,6 +89,19 @@ def needs_rims(scene: Scene) -> bool:
     return (isinstance(scene.edge, Mapping) and bool(scene.edge)) or not all(
         one.law.is_zero_flux for one in scene.edge_conditions
     )
+
+
+def part_function(scene: Scene, lattice: Lattice) -> PartAt | None:
+    """Return the function that gives the part of the edge at points relative to the lattice's origin; None without.
+
+    Parts with one condition are one part.
+    """
+    edge = scene.edge
+    if not isinstance(edge, ByPosition):
+        return None
+    conditions = [part.condition for part in edge.parts]
+    first = np.array([next(k for k, one in enumerate(conditions) if same_condition(one, each)) for each in conditions])
+    return (lambda points: first[edge.part_at(lattice.to_scene(points))]) if first.any() else None
 
 
 def imposed_conditions(

@@ -18,6 +18,7 @@ from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.adjacency import facets_of_two_cells, repair, rim_of_edges
 from cpmkit.mesh.cell_quadrature import PLAIN_EDGE_SPACINGS
 from cpmkit.mesh.mesh import CellGeometry, Mesh
+from cpmkit.mesh.part_borders import PartAt, split_at_parts
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.runtime.index_sets import connected_components
@@ -84,13 +85,13 @@ def has_reentrant_edges(mesh: Mesh) -> bool:
     return bool(np.any(turns & (dots(middles[second] - middles[first], normals[first]) > 0)))
 
 
-def skin_of(solid: LocalSource, lattice: Lattice) -> Skin:
-    """Return the skin of a solid or of a union of solids.
+def skin_of(solid: LocalSource, lattice: Lattice, part_at: PartAt | None = None) -> Skin:
+    """Return the skin of a solid or of a union of solids, split where its parts by ``part_at`` meet, if given.
 
     Raises SceneError if it is not closed, or inside and outside cannot be distinguished, ResolutionError if the
     spacing is too coarse for a curved one.
     """
-    return _joined([_skin_of_member(member, lattice) for member in solid.members])
+    return _joined([_skin_of_member(member, lattice, part_at) for member in solid.members])
 
 
 def _joined(parts: Sequence[Skin]) -> Skin:
@@ -116,17 +117,22 @@ def _straight_midpoints(mesh: Mesh) -> Floats:
     return np.asarray(0.5 * (corners.sum(axis=1, keepdims=True) - (corners if mesh.manifold_dim == 2 else 0.0)))
 
 
-def _skin_of_member(solid: LocalSource, lattice: Lattice) -> Skin:
-    """Return the skin of a ``solid`` that is no union."""
+def _skin_of_member(solid: LocalSource, lattice: Lattice, part_at: PartAt | None) -> Skin:
+    """Return the skin of a ``solid`` that is no union; ``part_at`` as in :func:`skin_of`."""
     boundary = _boundary_source(solid)
     # Each part is meshed by its own closest points: those of a thin shell may lie on its other side.
     parts = (None,) if boundary is None else boundary.members
-    skin = _joined([_closed_boundary(solid, part, lattice) for part in parts])
+    skin = _joined([_closed_boundary(solid, part, lattice, part_at) for part in parts])
     return replace(skin, mesh=_oriented(skin.mesh, solid, boundary, lattice))
 
 
-def _closed_boundary(solid: LocalSource, boundary: LocalSource | None, lattice: Lattice) -> Skin:
-    """Return a closed part of the ``boundary`` of a ``solid``, not yet oriented; of its own mesh if that is None."""
+def _closed_boundary(
+    solid: LocalSource, boundary: LocalSource | None, lattice: Lattice, part_at: PartAt | None
+) -> Skin:
+    """Return a closed part of the ``boundary`` of a ``solid``, not yet oriented; of its own mesh if that is None.
+
+    Cells of a skin with parts, see :func:`skin_of`, are no longer than those of curved ones.
+    """
     spacing, longest = lattice.spacing, LONGEST_EDGES[solid.dim]
     geometry: CellGeometry = "flat"
     warnings: tuple[str, ...] = ()
@@ -134,9 +140,11 @@ def _closed_boundary(solid: LocalSource, boundary: LocalSource | None, lattice: 
         mesh = _own_boundary(solid, spacing)
     else:
         boundary, mesh, geometry, warnings = mesh_of_manifold(boundary, spacing, longest)
-    if geometry != "flat" or mesh.manifold_dim == 1:
+    if geometry != "flat" or mesh.manifold_dim == 1 or part_at is not None:
         mesh = subdivide(mesh, longest * spacing)
     _check_closed(mesh, lattice)
+    if part_at is not None:
+        mesh = split_at_parts(mesh, np.arange(len(mesh.edges.ends)), part_at, geometry, boundary or solid)
     mesh = curve_cells(mesh, geometry, boundary or solid, (), spacing)
     if geometry == "closest_point":
         _check_resolved(mesh, boundary or solid, lattice)

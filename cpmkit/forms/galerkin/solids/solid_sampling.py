@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError, place
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_law, imposed_conditions
+from cpmkit.forms.galerkin.conditions.imposed_conditions import imposed_conditions, part_function
 from cpmkit.forms.galerkin.dof_map import (
     DofMap,
     connected_pieces,
@@ -23,16 +23,15 @@ from cpmkit.forms.galerkin.solids.skin import Skin, has_reentrant_edges, skin_of
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import localize
-from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.cell_quadrature import Samples, quadrature
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.skin_pieces import skin_pieces
 from cpmkit.mesh.solid_moments import FULL_POINTS, MOMENTS, gauss_points, gauss_weights
 from cpmkit.mesh.solid_pieces import SolidPatches, solid_patches
-from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Bools, Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: Largest sum of normals over a column of cells, in squared spacings, for which a skin is closed: rounding.
 OPEN_FLUX = 1e-7
@@ -46,8 +45,6 @@ INSIDE_SPACINGS = 0.25
 #: spacings with values on the skin errors are of order 2 until they are tiny, and estimates that expect order 3 were
 #: down to a sixth of the error; at .5 they were right.
 LARGEST_THIN_SHARE, THIN_SPACINGS = 0.5, 1 / 3
-#: Parts of the skin whose normals have a larger cosine, below 60 degrees, are taken for one smooth part.
-MIXED_COSINE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,30 +59,8 @@ class SampledSolid(SampledScene):
         """In words, where gradients are unbounded, or thin parts; else empty."""
         if has_reentrant_edges(self.mesh):
             return "the solid has reentrant corners or edges"
-        if self._has_mixed_patches:
-            return "a value and a flux are prescribed side by side at the edge of the solid"
         thin = self._thin_share
         return f"{thin:.0%} of the solid is thinner than a third of the spacing" if thin > LARGEST_THIN_SHARE else ""
-
-    @property
-    def _has_mixed_patches(self) -> bool:
-        """Whether values hold on a part of the skin of a patch, and other conditions on a part with about its normal.
-
-        There u behaves like the root of the distance. At a right angle between the parts it need not be singular.
-        """
-        boundary, count = self.boundary, len(self.patches.cells)
-        has_value = np.zeros(len(boundary), dtype=bool)
-        for condition in conditions_with_law(self.conditions, Value):
-            has_value[condition.rows] = True
-        patch = self.dof_map.patch[self.interior :]
-
-        def sum_of_normals(rows: Bools) -> Floats:
-            columns = [np.bincount(patch[rows], axis, count) for axis in boundary.conormals[rows].T]
-            return np.stack(columns, axis=1)
-
-        of_values, of_others = sum_of_normals(has_value), sum_of_normals(~has_value)
-        lengths = norms(of_values) * norms(of_others)
-        return bool(np.any((lengths > 0) & (dots(of_values, of_others) > MIXED_COSINE * lengths)))
 
     @property
     def _thin_share(self) -> float:
@@ -111,7 +86,7 @@ def sample_solid(scene: Scene, options: Options[GalerkinOptions]) -> SampledSoli
     """
     lattice = lattice_of(scene.surface, options.spacing, options.origin)
     surface = localize(scene.surface, lattice.origin)
-    skin = skin_of(surface, lattice)
+    skin = skin_of(surface, lattice, part_function(scene, lattice))
     fine, coarse = skin.facets
     patches = solid_patches(skin_pieces(fine, lattice.spacing, exact=bool(skin.is_flat.any())))
     further = None if coarse is None else skin_pieces(coarse, lattice.spacing, exact=bool(skin.is_flat.any()))
