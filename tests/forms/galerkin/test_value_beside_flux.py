@@ -78,6 +78,16 @@ def test_the_solution_moves_with_the_border(name, border):
     assert np.sqrt(np.mean((twice - 2 * once) ** 2)) < 0.1 * np.sqrt(np.mean(twice**2))
 
 
+def test_parts_of_numbered_sides_have_the_same_border():
+    edge = [(ck.Neumann(0.0), lambda x: (x[:, 1] < 1e-9) & (x[:, 0] < 0.037)), ck.Dirichlet(root(0.037))]
+    for name, count in (("area", 4), ("surface", 1)):
+        whole, sides = (
+            ck.solve(ck.Scene(BOXES[name], ck.Laplace(), edge=each), 0.15).evaluate(places(name))
+            for each in (edge, dict.fromkeys(range(count), edge))
+        )
+        np.testing.assert_allclose(sides, whole, atol=1e-8)
+
+
 def test_a_border_at_a_vertex_splits_no_edge():
     mesh = Mesh.of(np.array([[0.0, 0], [1, 0], [2, 0], [0.5, 1]]), np.array([[0, 1], [1, 2], [2, 3], [3, 0]]))
     for border, count in ((1.0, 5), (1.0 + 1e-12, 5), (1.5, 6)):

@@ -16,7 +16,7 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.part_borders import PartAt
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import same_condition
-from cpmkit.scene.edge_conditions import ByPosition, check_parts_used, conditions_along
+from cpmkit.scene.edge_conditions import check_parts_used, conditions_along, loops_of_edge
 from cpmkit.scene.laws import Mixed, Value, checked_beta
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
@@ -94,14 +94,22 @@ def needs_rims(scene: Scene) -> bool:
 def part_function(scene: Scene, lattice: Lattice) -> PartAt | None:
     """Return the function that gives the part of the edge at points relative to the lattice's origin; None without.
 
-    Parts with one condition are one part.
+    Parts with one condition are one part; with several loops a part is one of each loop, as if all loops passed there.
     """
-    edge = scene.edge
-    if not isinstance(edge, ByPosition):
-        return None
-    conditions = [part.condition for part in edge.parts]
-    first = np.array([next(k for k, one in enumerate(conditions) if same_condition(one, each)) for each in conditions])
-    return (lambda points: first[edge.part_at(lattice.to_scene(points))]) if first.any() else None
+    loops = []
+    for loop in loops_of_edge(scene.edge).values():
+        conditions = [part.condition for part in loop.parts]
+        first = [next(k for k, one in enumerate(conditions) if same_condition(one, each)) for each in conditions]
+        if any(first):
+            loops.append((loop, np.array(first)))
+
+    def part_at(points: Floats) -> Ints:
+        number = np.zeros(len(points), dtype=np.int64)
+        for loop, first in loops:
+            number = number * len(first) + first[loop.part_at(lattice.to_scene(points))]
+        return number
+
+    return part_at if loops else None
 
 
 def imposed_conditions(
