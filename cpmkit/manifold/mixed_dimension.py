@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.manifold.abilities import members_of
+from cpmkit.manifold.abilities import HasMesh, members_of
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
 from cpmkit.manifold.vector_algebra import norms
@@ -19,8 +19,10 @@ from cpmkit.types import Bools, Floats
 
 #: Members touch where they are nearer than this share of the union's largest side: rounding, and errors of meshes.
 TOUCHING_SHARE = 1e-5
-#: A member lies on another if at least this share of its points touch it, and in part from the second share on.
-WHOLE_SHARE, PART_SHARE = 1.0, 0.02
+#: A member lies on another in part if more than this share of its points touch it.
+PART_SHARE = 0.02
+#: Number of points on a curve at which its distance from other members is computed.
+CURVE_SAMPLES = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,22 +53,57 @@ def _meeting(surface: ClosestPointSource, lower: int, higher: int) -> Meeting | 
     """Return how two members of a union meet, given by their numbers; None if they do not touch."""
     members, touching = members_of(surface), touching_distance(surface)
     of_lower, of_higher = members[lower], members[higher]
-    box = np.asarray(of_lower.bounds, dtype=np.float64)
-    axes = np.linspace(box[0], box[1], round(2000 ** (1 / of_lower.dim))).T
-    feet = of_lower.closest_point(np.array([*product(*axes)])).points
-    x = feet[_distinct(feet, np.zeros(len(feet)), 0.01 * float(np.ptp(box, axis=0).max()))]
+    x, step = _samples_of(of_lower)
     on = is_near(of_higher, x, surface)
     if largest_dim(of_higher) == of_higher.dim:
         around = (x[:, None] + _steps(of_higher.dim, touching)).reshape(-1, of_higher.dim)
         inside = is_near(of_higher, around, surface).reshape(len(x), -1).all(axis=1)
         if inside.any():
             return Meeting(lower, higher, "inside", x[inside])
-    if on.mean() >= WHOLE_SHARE:
+    if on.all():
         return Meeting(lower, higher, "along", x)
-    if on.mean() > PART_SHARE and on.sum() > 2:
+    if on.sum() > max(PART_SHARE * len(x), 2):
         return Meeting(lower, higher, "in part", x[on])
-    gap, places = _approaches(of_lower, of_higher, touching, touching)
-    return Meeting(lower, higher, "points", _at_ends(of_lower, places, touching)) if len(places) and gap == 0 else None
+    if step:
+        places = _crossings(of_lower, of_higher, x, step, touching)
+    else:
+        gap, places = _approaches(of_lower, of_higher, touching, touching)
+        places = places if gap == 0 else places[:0]
+    return Meeting(lower, higher, "points", _at_ends(of_lower, places, touching)) if len(places) else None
+
+
+def _samples_of(source: ClosestPointSource) -> tuple[Floats, float]:
+    """Return points (n, d) of a source, and of a curve with a mesh the distance between neighbours; else 0."""
+    box = np.asarray(source.bounds, dtype=np.float64)
+    size = float(np.ptp(box, axis=0).max())
+    if largest_dim(source) == 1 and isinstance(source, HasMesh):
+        vertices, cells = source.mesh(size / 200)
+        start, chord = vertices[cells[:, 0]], vertices[cells[:, 1]] - vertices[cells[:, 0]]
+        length = norms(chord)
+        step = float(length.sum()) / CURVE_SAMPLES
+        count = np.ceil(length / step).astype(np.int64)
+        each = np.repeat(np.arange(len(count)), count)
+        share = (np.arange(len(each)) - np.repeat(np.cumsum(count) - count, count)) / count[each]
+        points = start[each] + share[:, None] * chord[each]
+        return source.closest_point(np.concatenate([points, vertices])).points, step
+    axes = np.linspace(box[0], box[1], round(2000 ** (1 / source.dim))).T
+    feet = source.closest_point(np.array([*product(*axes)])).points
+    return feet[_distinct(feet, np.zeros(len(feet)), 0.01 * size)], 0.0
+
+
+def _crossings(
+    curve: ClosestPointSource, other: ClosestPointSource, samples: Floats, step: float, touching: float
+) -> Floats:
+    """Return the points (k, d) where a curve with ``samples`` (n, d), a ``step`` apart, meets another member."""
+    x = samples[norms(other.closest_point(samples).points - samples) <= step]
+    for _ in range(200):
+        y = other.closest_point(x).points
+        if norms(y - x).max(initial=0.0) <= 1e-3 * touching:
+            break
+        x = curve.closest_point(y).points
+    gap = norms(other.closest_point(x).points - x)
+    x, gap = x[gap <= touching], gap[gap <= touching]
+    return x[_distinct(x, gap, 2 * step)]
 
 
 def loops_near(source: ClosestPointSource, places: Floats) -> list[int]:

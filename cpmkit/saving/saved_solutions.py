@@ -147,8 +147,8 @@ def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None
     described = json.loads(json.dumps(describe_scene(scene)))
     if "edge" not in saved:
         saved, described = _scene_kinds(saved), _scene_kinds(described)
-    for key in ("problem", "boundaries", "edge"):
-        if saved.get(key) != described.get(key):
+    for key in ("problem", "boundaries", "edge", "junctions"):
+        if key in saved and saved.get(key) != described.get(key):
             raise other_scene_error(path, f"its {_difference_text(key, saved[key], described[key])}")
 
 

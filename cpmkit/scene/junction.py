@@ -134,7 +134,7 @@ def unsupported_junction(surface: ClosestPointSource) -> str:
             return f"{pair}coincide in part only, {near}: divide the first where it leaves the second"
         if meeting.how == "along" and dims[0] + 1 != dims[1]:
             return f"{pair}meet along a curve, {near}, where u has no limit in a solid"
-        if meeting.how == "points" and dims != [1, 2]:
+        if meeting.how == "points" and (dims != [1, 2] or surface.dim == 2):
             return f"{pair}meet, {near}, in a point or along an edge, where u has no limit in a solid"
     return ""
 

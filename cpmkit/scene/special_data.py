@@ -12,7 +12,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.manifold.abilities import HasValues, members_of
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.arrays import as_points, number
-from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, is_zero, reaction_rates
+from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, is_zero, reaction_rates, takes_time
 from cpmkit.scene.diffusivities import TENSOR_SHAPES
 from cpmkit.types import Floats, Ints
 
@@ -122,11 +122,16 @@ class MemberData:
                 f"values must be a list with one entry for each of {count} members, got {shown(self.values)}."
             )
 
-    def __call__(self, points: Floats) -> Floats:
+    @property
+    def takes_time(self) -> bool:
+        """True if the data of a member depend on the time."""
+        return takes_time(list(self.values))
+
+    def __call__(self, points: Floats, t: float | None = None) -> Floats:
         """Return the data (n,) or (n, channels) at ``points`` (n, d): those of the member with the closest point."""
         number = self.member_at(points)
         columns = [
-            evaluate_data(value, points[number == k], None, f"data of member {k}")
+            evaluate_data(value, points[number == k], None, f"data of member {k}", t)
             for k, value in enumerate(self.values)
         ]
         found = np.empty((len(points), max(each.shape[1] for each in columns)))

@@ -57,6 +57,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
             for boundary in scene.boundaries
         ],
         "edge": of_edge,
+        "junctions": [list(words) for words in junctions_in_words(scene.surface, scene.junctions)],
     }
 
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from cpmkit.errors import SceneError
+from cpmkit.errors import place as place_in_words
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ClosedManifoldError, conditions_with_law
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
@@ -15,14 +17,17 @@ from cpmkit.forms.galerkin.unions.part_scenes import scenes_by_dimension, withou
 from cpmkit.forms.galerkin.unions.union_form import GalerkinUnion, UnionPart
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import lattice_of
-from cpmkit.manifold.abilities import members_of
+from cpmkit.manifold.abilities import HasSkin, members_of
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.mixed_dimension import Meeting, meetings_of
+from cpmkit.manifold.mixed_dimension import Meeting, is_near, meetings_of, touching_distance
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.scene.junction import JunctionLaw, check_radii, junction_of
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints, Progress
 
+#: The radius of a curve that meets a surface is at most this share of the surface's largest side: the part of the
+#: surface inside the radius, which stays, then changes values by a few percent at most.
+LARGEST_RADIUS_SHARE = 0.1
 #: The discretisation of a scene of one dimension.
 Discretize = Callable[[Scene, Options[GalerkinOptions], Progress], Galerkin]
 
@@ -62,6 +67,11 @@ def discretize_union(
     points_of = {}
     if at_points:
         high, low = dims.index(2), dims.index(1)
+        if scene.has_tensor:
+            raise SceneError(
+                "a diffusivity that is a tensor is not taken where a curve meets a surface at a point; give numbers, or "
+                "let the curve end there."
+            )
         points_of[high, low] = _point_contact(scene, parts[high].form, parts[low].form, at_points)
     return GalerkinUnion(scene, options, tuple(parts), contacts, points_of)
 
@@ -80,7 +90,7 @@ def _taken_edge(scene: Scene, numbers: Sequence[int], form: Galerkin) -> Ints:
     """Return the samples (k,) on the edge of the members ``numbers`` that lie on other members."""
     boundary, lattice, members = form.sampled.boundary, form.sampled.lattice, members_of(scene.surface)
     on = np.zeros(len(boundary), dtype=bool)
-    points = lattice.to_scene(boundary.points)
+    points, near_skin = lattice.to_scene(boundary.points), ON_SPACINGS * lattice.spacing
     for meeting in meetings_of(scene.surface):
         if not {meeting.lower, meeting.higher} & {*numbers} or not len(points):
             continue
@@ -88,7 +98,10 @@ def _taken_edge(scene: Scene, numbers: Sequence[int], form: Galerkin) -> Ints:
             near = np.min([norms(points - at) for at in meeting.places], axis=0)
             on |= boundary.on_rim & (near <= ON_SPACINGS * lattice.spacing)
         elif meeting.higher in numbers and not form.space.splines.samples.codim:
-            on |= norms(members[meeting.lower].closest_point(points).points - points) <= ON_SPACINGS * lattice.spacing
+            skin = members[meeting.higher]
+            feet = skin.skin.closest_point(points) if isinstance(skin, HasSkin) else None
+            at = points if feet is None else np.where((feet.distance <= near_skin)[:, None], feet.points, points)
+            on |= is_near(members[meeting.lower], at, scene.surface)
     return np.flatnonzero(on)
 
 
@@ -119,13 +132,34 @@ def _member_at(part: UnionPart, points: Floats) -> Ints:
     return np.asarray(part.numbers)[own]
 
 
+def _distinct_places(scene: Scene, meetings: Sequence[Meeting]) -> tuple[Floats, Floats, Floats]:
+    """Return the places (k, d) of ``meetings``, each once, with the resistance (k,) and the radius (k,) there.
+
+    Curves that end at the same point have one value there, and one way into the surface. Raises SceneError if they have
+    different laws, or a radius is not small beside the surface.
+    """
+    touching, found = 4 * touching_distance(scene.surface), []
+    for meeting in meetings:
+        law = junction_of(scene.junctions, meeting.lower, meeting.higher)
+        size = float(np.ptp(np.asarray(members_of(scene.surface)[meeting.higher].bounds), axis=0).max())
+        if law.radius is None or law.radius > LARGEST_RADIUS_SHARE * size:
+            raise SceneError(
+                f"the radius of a junction must be at most a tenth of the surface's largest side, {size:.3g}, got "
+                f"{law.radius:g}; a thicker rod is a surface or a solid of its own."
+            )
+        for at in meeting.places:
+            same = [other for place, other in found if norms((place - at)[None])[0] <= touching]
+            if any(other != law for other in same):
+                raise SceneError(f"curves that meet a surface at one point, {place_in_words(at)}, need one junction law.")
+            found += [] if same else [(at, law)]
+    laws = [law for _, law in found]
+    values = [(law.resistance, law.radius) for law in laws]
+    return np.array([at for at, _ in found]), *np.array(values, dtype=np.float64).T
+
+
 def _point_contact(scene: Scene, surface: Galerkin, curve: Galerkin, meetings: Sequence[Meeting]) -> PointContact:
     """Return the contact of curves and surfaces that meet at the points of ``meetings``."""
-    at = np.concatenate([meeting.places for meeting in meetings])
-    laws = [junction_of(scene.junctions, meeting.lower, meeting.higher) for meeting in meetings]
-    counts = [len(meeting.places) for meeting in meetings]
-    resistance = np.repeat([law.resistance for law in laws], counts)
-    radius = np.repeat([law.radius for law in laws], counts).astype(np.float64)
+    at, resistance, radius = _distinct_places(scene, meetings)
     mean, nearest = mean_over_circles(surface, at, radius)
     sides = [curve.evaluation_matrix(at, side) for side in ("left", "right")] if curve.scene.boundaries else None
     lower = curve.evaluation_matrix(at) if sides is None else (0.5 * (sides[0] + sides[1])).tocsr()

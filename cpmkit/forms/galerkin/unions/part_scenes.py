@@ -21,7 +21,7 @@ from cpmkit.scene.scene import Scene
 from cpmkit.scene.special_data import MemberData
 
 #: The name that the cut at a junction has among the boundaries of a part.
-CUT_NAME = "junction {}/{}"
+CUT_NAME = "junction {}"
 
 
 def dimensions_of(surface: ClosestPointSource) -> list[int]:
@@ -44,7 +44,8 @@ def scenes_by_dimension(scene: Scene) -> list[tuple[tuple[int, ...], Scene]]:
         own = source.with_members(numbers)
         boundaries = [each for each in scene.boundaries if _dimension_at(scene, each) == dim]
         for meeting in meetings_of(surface):
-            boundaries += _cuts(scene, meeting, numbers, own)
+            names = {boundary.name for boundary in boundaries}
+            boundaries += [cut for cut in _cuts(scene, meeting, numbers, own) if cut.name not in names]
         problem = restrict_fields(scene.problem, partial(restrict_data, numbers=numbers, own=own))
         part = Scene(own, problem, boundaries, _edge(scene, numbers, own))
         found.append((numbers, _with_channels(part, scene.channels)))
@@ -69,7 +70,7 @@ def _dimension_at(scene: Scene, boundary: Boundary) -> int:
 
 def _cuts(scene: Scene, meeting: Meeting, numbers: Sequence[int], own: ClosestPointSource) -> list[Boundary]:
     """Return the boundaries that a ``meeting`` adds to the scene of the members ``numbers``, whose union is ``own``."""
-    members, name = members_of(scene.surface), CUT_NAME.format(meeting.lower, meeting.higher)
+    members, name = members_of(scene.surface), CUT_NAME.format(meeting.lower)
     higher = members[meeting.higher]
     if meeting.higher in numbers and meeting.how == "along" and largest_dim(higher) < higher.dim:
         return [Boundary(name, members[meeting.lower], both=JunctionSide())]
@@ -77,7 +78,7 @@ def _cuts(scene: Scene, meeting: Meeting, numbers: Sequence[int], own: ClosestPo
         # where curves end or meet each other their mesh is cut and tied already
         joined = sum(is_near(members[number], meeting.places, own) for number in numbers) > 1
         inner = meeting.places[(members[meeting.lower].closest_point(meeting.places).edge < 0) & ~joined]
-        return [Boundary(f"{name} {k}", at[None], across=CONTINUOUS) for k, at in enumerate(inner)]
+        return [Boundary(f"{name}/{meeting.higher} {k}", at[None], across=CONTINUOUS) for k, at in enumerate(inner)]
     return []
 
 
@@ -91,7 +92,9 @@ def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> Edge
     edge: dict[int, Any] = {}
     for meeting in meetings_of(scene.surface):
         if {meeting.lower, meeting.higher} & {*numbers}:
-            edge |= {loop: JunctionSide() for loop in loops_near(own, meeting.places)}
+            on_curve = own.manifold_dim == 1
+            loops = own.closest_point(meeting.places).edge if on_curve else loops_near(own, meeting.places)
+            edge |= {int(loop): JunctionSide() for loop in np.unique(loops) if loop >= 0}
     for loop, condition in scene.edge.items():
         own_loop = own_loop_of(scene.surface, numbers, loop)
         if own_loop is not None:
