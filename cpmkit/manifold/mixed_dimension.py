@@ -15,12 +15,15 @@ from cpmkit.manifold.abilities import HasMesh, members_of
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
 from cpmkit.manifold.vector_algebra import norms
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats
 
 #: Members touch where they are nearer than this share of the union's largest side: rounding, and errors of meshes.
 TOUCHING_SHARE = 1e-5
 #: A member lies on another in part if more than this share of its points touch it.
 PART_SHARE = 0.02
+#: A curve and a surface are tangent between two places where they are nearer than so many touching distances.
+TANGENT_FACTOR = 10.0
 #: Number of points on a curve at which its distance from other members is computed.
 CURVE_SAMPLES = 4000
 
@@ -91,6 +94,12 @@ def _samples_of(source: ClosestPointSource) -> tuple[Floats, float]:
     return feet[_distinct(feet, np.zeros(len(feet)), 0.01 * size)], 0.0
 
 
+def crossings(curve: ClosestPointSource, other: ClosestPointSource, of: ClosestPointSource) -> Floats:
+    """Return the points (k, d) where a curve meets another source, to rounding relative to the size of ``of``."""
+    samples, step = _samples_of(curve)
+    return _crossings(curve, other, samples, step, touching_distance(of))
+
+
 def _crossings(
     curve: ClosestPointSource, other: ClosestPointSource, samples: Floats, step: float, touching: float
 ) -> Floats:
@@ -103,7 +112,27 @@ def _crossings(
         x = curve.closest_point(y).points
     gap = norms(other.closest_point(x).points - x)
     x, gap = x[gap <= touching], gap[gap <= touching]
-    return x[_distinct(x, gap, 2 * step)]
+    chosen = _distinct(x, gap, 2 * step)
+    return _without_tangents(curve, other, x[chosen], touching)
+
+
+def _without_tangents(curve: ClosestPointSource, other: ClosestPointSource, places: Floats, touching: float) -> Floats:
+    """Return the ``places`` (k, d), by ascending gap, without later ones where the curve runs along the other source.
+
+    Where they are tangent many points of the curve touch; neighbours are one place if the curve touches between them.
+    """
+    if len(places) < 2:
+        return places
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(places).query(places, min(3, len(places)))[1][:, 1:]
+    pairs = np.stack([np.repeat(np.arange(len(places)), near.shape[1]), near.ravel()], axis=1)
+    chord = places[pairs]
+    middle = curve.closest_point(chord.mean(axis=1)).points
+    straight = norms(middle - chord.mean(axis=1)) <= 0.1 * norms(chord[:, 1] - chord[:, 0])
+    joined = straight & (norms(other.closest_point(middle).points - middle) <= TANGENT_FACTOR * touching)
+    count, label = connected_components(len(places), pairs[joined])
+    return places[[int(np.flatnonzero(label == k)[0]) for k in range(count)]]
 
 
 def loops_near(source: ClosestPointSource, places: Floats) -> list[int]:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from cpmkit.errors import SceneError, place, shown
 from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.manifold.mixed_dimension import Meeting, meetings_of
+from cpmkit.manifold.mixed_dimension import Meeting, crossings, is_near, meetings_of
 from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
 from cpmkit.runtime.arrays import not_negative, positive
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.laws import Flux
 from cpmkit.scene.special_conditions import Transmission
+
+if TYPE_CHECKING:
+    from cpmkit.scene.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,24 @@ def junctions_in_words(surface: ClosestPointSource, junctions: Junctions) -> lis
             (f"junction {meeting.lower}/{meeting.higher}", how, f"{words}; what leaves one member enters the other")
         )
     return found
+
+
+def crossed_member_warnings(scene: Scene) -> tuple[str, ...]:
+    """Return a warning for a boundary of a surface that crosses a curve in it without a condition for the curve."""
+    members, surface = members_of(scene.surface), scene.surface
+    points = [each.source for each in scene.boundaries if each.source.manifold_dim == 0]
+    for boundary in scene.boundaries:
+        for meeting in meetings_of(surface):
+            if boundary.source.manifold_dim != 1 or meeting.how != "along" or largest_dim(members[meeting.lower]) != 1:
+                continue
+            places = crossings(members[meeting.lower], boundary.source, surface)
+            free = [at for at in places if not any(is_near(source, at[None], surface)[0] for source in points)]
+            if free and not boundary.condition("left").couples:
+                return (
+                    f"Boundary {boundary.name!r} crosses member {meeting.lower} of the union near {place(free[0])}, "
+                    "and its condition holds on the surface alone; give the curve a condition there, on a point.",
+                )
+    return ()
 
 
 def unsupported_junction(surface: ClosestPointSource) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.edge_conditions import ByPosition, LoopConditions
+from cpmkit.scene.junction import junctions_in_words
 from cpmkit.types import SIDES
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.errors import place as place_in_words
-from cpmkit.forms.galerkin.conditions.imposed_conditions import ClosedManifoldError, conditions_with_law
+from cpmkit.forms.galerkin.conditions.imposed_conditions import ClosedManifoldError, Tie, conditions_with_law
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.unions.junctions import ON_SPACINGS, Contact, PointContact, mean_over_circles
@@ -21,7 +21,7 @@ from cpmkit.manifold.abilities import HasSkin, members_of
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.mixed_dimension import Meeting, is_near, meetings_of, touching_distance
 from cpmkit.manifold.vector_algebra import norms
-from cpmkit.scene.junction import JunctionLaw, check_radii, junction_of
+from cpmkit.scene.junction import Junction, JunctionLaw, check_radii, junction_of
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints, Progress
 
@@ -69,8 +69,8 @@ def discretize_union(
         high, low = dims.index(2), dims.index(1)
         if scene.has_tensor:
             raise SceneError(
-                "a diffusivity that is a tensor is not taken where a curve meets a surface at a point; give numbers, or "
-                "let the curve end there."
+                "where a curve meets a surface at a point, the diffusivity must be a number or a function that returns "
+                "numbers, got a tensor."
             )
         points_of[high, low] = _point_contact(scene, parts[high].form, parts[low].form, at_points)
     return GalerkinUnion(scene, options, tuple(parts), contacts, points_of)
@@ -138,7 +138,8 @@ def _distinct_places(scene: Scene, meetings: Sequence[Meeting]) -> tuple[Floats,
     Curves that end at the same point have one value there, and one way into the surface. Raises SceneError if they have
     different laws, or a radius is not small beside the surface.
     """
-    touching, found = 4 * touching_distance(scene.surface), []
+    touching = 4 * touching_distance(scene.surface)
+    found: list[tuple[Floats, Junction]] = []
     for meeting in meetings:
         law = junction_of(scene.junctions, meeting.lower, meeting.higher)
         size = float(np.ptp(np.asarray(members_of(scene.surface)[meeting.higher].bounds), axis=0).max())
@@ -150,7 +151,9 @@ def _distinct_places(scene: Scene, meetings: Sequence[Meeting]) -> tuple[Floats,
         for at in meeting.places:
             same = [other for place, other in found if norms((place - at)[None])[0] <= touching]
             if any(other != law for other in same):
-                raise SceneError(f"curves that meet a surface at one point, {place_in_words(at)}, need one junction law.")
+                raise SceneError(
+                    f"curves that meet a surface at one point, {place_in_words(at)}, need one junction law."
+                )
             found += [] if same else [(at, law)]
     laws = [law for _, law in found]
     values = [(law.resistance, law.radius) for law in laws]
@@ -163,4 +166,14 @@ def _point_contact(scene: Scene, surface: Galerkin, curve: Galerkin, meetings: S
     mean, nearest = mean_over_circles(surface, at, radius)
     sides = [curve.evaluation_matrix(at, side) for side in ("left", "right")] if curve.scene.boundaries else None
     lower = curve.evaluation_matrix(at) if sides is None else (0.5 * (sides[0] + sides[1])).tocsr()
-    return PointContact(mean, lower, nearest, resistance, radius)
+    return PointContact(mean, lower, nearest, resistance, radius, _lips_at(curve, at, touching_distance(scene.surface)))
+
+
+def _lips_at(curve: Galerkin, at: Floats, touching: float) -> list[tuple[int, Ints]]:
+    """Return for those of the points ``at`` (k, d) where ends of curves are tied its number and the samples of lips."""
+    points, found = curve.sampled.lattice.to_scene(curve.sampled.boundary.points), []
+    for tie in conditions_with_law(curve.conditions, Tie):
+        for lips in np.stack(tie.sides, axis=1):
+            near = norms(at - points[lips[0]])
+            found += [(int(np.argmin(near)), lips)] if near.min() <= 100 * touching else []
+    return found

@@ -21,6 +21,7 @@ curvature and of f - c u, in proportion to p^2, cancel.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,6 +70,8 @@ class PointContact:
     #: resistance, radius (k,): the resistance of each junction, and the radius of the curve's cross section.
     resistance: Floats
     radius: Floats
+    #: The number of each point at which ends of curves are tied, and the samples of its lips.
+    lips: Sequence[tuple[int, Ints]]
 
 
 def contact_blocks(terms: ConditionTerms, contact: Contact) -> tuple[SparseMatrix, SparseMatrix, SparseMatrix]:
@@ -94,17 +97,28 @@ def _weighted_squares(rows: SparseMatrix, weights: Floats) -> SparseMatrix:
 
 
 def point_contact_blocks(
-    contact: PointContact, a: Floats, spacing: float
+    contact: PointContact, a: Floats, spacing: float, terms: ConditionTerms
 ) -> tuple[SparseMatrix, SparseMatrix, SparseMatrix]:
-    """Return the blocks (n, n), (n, m), (m, m) that point contacts add; ``a`` (k,) is the diffusivity there."""
-    from scipy.sparse import diags_array
+    """Return the blocks (n, n), (n, m), (m, m) that point contacts add; ``a`` (k,) is the diffusivity of the surface.
+
+    Where ends of curves are tied, v is the value that the tie eliminates, ``m(v) - sum q_k / sum G_k``, and 1 / sum G_k
+    is added to the resistance (see "Ties" in :mod:`cpmkit.forms.galerkin.conditions.nitsche`): what flows into the
+    surface is then no imbalance of the tie. ``terms`` are the conditions of the curves.
+    """
+    from scipy.sparse import diags_array, vstack
 
     p, w = circles(contact.radius, spacing)
     own = w[:, 0] ** 2 * np.log(p[:, 0]) + (1 - w[:, 0] ** 2) * np.log(p[:, 1])
     log = own - np.log(contact.radius) + CIRCLE_EXCESS * spacing * (w**2 / p).sum(axis=1)
-    weights = 1 / (contact.resistance + log / (2 * np.pi * a))
-    across = -(contact.mean.T @ diags_array(weights) @ contact.lower).tocsr()
-    return _weighted_squares(contact.mean, weights), across, _weighted_squares(contact.lower, weights)
+    resistance, rows = contact.resistance + log / (2 * np.pi * a), [contact.lower[[k]] for k in range(len(a))]
+    for k, lips in contact.lips:
+        stiffness = NITSCHE_PENALTY * terms.a[lips] / terms.widths[lips]
+        factors = np.stack([stiffness, -terms.a[lips]], axis=1)[None] / stiffness.sum()
+        rows[k] = terms.linear_forms(factors, *lips[:, None])
+        resistance[k] += 1 / stiffness.sum()
+    weights, lower = 1 / resistance, vstack(rows, format="csr")
+    across = -(contact.mean.T @ diags_array(weights) @ lower).tocsr()
+    return _weighted_squares(contact.mean, weights), across, _weighted_squares(lower, weights)
 
 
 def circles(radius: Floats, spacing: float) -> tuple[Floats, Floats]:

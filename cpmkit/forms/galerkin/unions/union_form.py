@@ -41,6 +41,7 @@ from cpmkit.manifold.mixed_dimension import near_miss_warnings
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.data import Data, Functional, is_sequence
 from cpmkit.scene.equations import Terms
+from cpmkit.scene.junction import crossed_member_warnings
 from cpmkit.scene.laws import Spectral
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.special_data import ReactionAt
@@ -204,7 +205,9 @@ class GalerkinUnion(Discretized):
             a = part.form.coefficients.diffusivity(self._terms_of(part, terms).diffusivity)
             a = scalar_coefficient(part.form.space.splines, a)
             at = np.broadcast_to(a[:1], len(at_points.nearest)) if len(a) == 1 else a[at_points.nearest]
-            _add_blocks(blocks, high, low, point_contact_blocks(at_points, at, self.spacing))
+            of_curves = operators[low].conditions
+            assert of_curves is not None
+            _add_blocks(blocks, high, low, point_contact_blocks(at_points, at, self.spacing, of_curves))
         return UnionOperator(
             _stack_blocks(blocks),
             all(each.symmetric for each in operators),
@@ -463,7 +466,12 @@ class GalerkinUnion(Discretized):
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings of all parts, and one if members are near each other that do not meet."""
         of_parts = dict.fromkeys(text for form in self.forms for text in form.warnings())
-        return (*self._near_miss, *of_parts)
+        return (*self._near_miss, *self._crossed_members, *of_parts)
+
+    @cached_property
+    def _crossed_members(self) -> tuple[str, ...]:
+        """A warning if a boundary of a surface crosses a curve in it, which has no condition there."""
+        return crossed_member_warnings(self.scene)
 
     @cached_property
     def _near_miss(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from union_problems import BALL, RING, ROD, SPHERE, exchange, in_ball, on_ring, 
 
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
+from cpmkit.manifold.mixed_dimension import meetings_of
 
 DISC = ck.source("solid", of=ck.source("analytic.circle"))
 CIRCLE = ck.source("analytic.circle")
@@ -196,7 +197,7 @@ def test_the_flux_into_a_curve_is_read_at_its_cut():
     """From both sides of the equator 2 pi flow into it, with the conormals out of them."""
     surface = ck.solve(ring_on_sphere(1.0).scene, 0.14).of_dimension(2)
     for side in ("left", "right"):
-        assert surface.flux("junction 1/0", side) == pytest.approx(-2 * np.pi, rel=5e-3)
+        assert surface.flux("junction 1", side) == pytest.approx(-2 * np.pi, rel=5e-3)
 
 
 def test_solutions_are_saved_read_by_dimension_and_integrated(tmp_path):
@@ -276,6 +277,76 @@ def test_an_edge_on_another_member_has_no_condition():
         ck.solve(ck.Scene(cell, ck.ScreenedPoisson(1.0), edge={0: ck.Dirichlet(1.0)}), 0.4)
     everywhere = ck.Scene(cell, ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(5.0))
     assert ck.solve(everywhere, 0.4).evaluate([0, 0, 0]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("thickness", "spacing"), [(0.004, 0.1), (0.008, 0.1), (0.1, 0.1)])
+def test_both_skins_of_a_thin_solid_keep_their_conditions(thickness, spacing):
+    """u is 1 outside; what passes the annulus and the resistance is c v = v on the circle inside."""
+    outer = ck.source("analytic.circle", radius=1 + thickness)
+    ring = ck.source("solid", of=ck.source("union", members=[outer, CIRCLE]))
+    both = ck.source("union", members=[ring, CIRCLE])
+    problem = ck.Elliptic(f=0.0, c=ck.MemberData(both, [0.0, 1.0]))
+    scene = ck.Scene(both, problem, edge={0: ck.Dirichlet(1.0)}, junctions=ck.Junction(resistance=1.0))
+    found = ck.solve(scene, spacing).of_dimension(1).evaluate([1.0, 0.0])
+    assert found == pytest.approx(1 / (2 + np.log(1 + thickness)), rel=1e-4)
+
+
+def test_a_face_of_a_box_alone_exchanges():
+    """u = 1.5 + y - y^2/2 in a square with f = 1, and v = 1 on its lower side with R = .5 and c = 1."""
+    box = ck.source("analytic.box", lower=[0.0, 0.0], upper=[1.0, 1.0])
+    side = ck.source("analytic.segment", start=[0.0, 0.0], end=[1.0, 0.0])
+    both = ck.source("union", members=[box, side])
+    problem = ck.Elliptic(f=ck.MemberData(both, [1.0, 0.0]), c=ck.MemberData(both, [0.0, 1.0]))
+    scene = ck.Scene(both, problem, junctions=ck.Junction(resistance=0.5))
+    y = np.array([0.1, 0.5, 0.9])
+    for spacing in (0.2, 0.1):
+        solution = ck.solve(scene, spacing, origin=[0.03, 0.01])
+        found = solution.of_dimension(2).evaluate(np.stack([0.4 + 0 * y, y], axis=1))
+        np.testing.assert_allclose(found, 1.5 + y - y**2 / 2, atol=1e-4)
+
+
+def test_rods_that_end_at_one_point_share_the_surface_there():
+    """Two rods are one of twice the conductivity; a rod through a surface is two rods that end there."""
+    again = ck.source("analytic.segment", start=[1.0, 0, 0], end=[1.0 + 2**0.5, 2**0.5, 0])
+    found = []
+    for members, a in (([SPHERE, ROD, again], [1.0, 1.0, 1.0]), ([SPHERE, ROD], [1.0, 2.0])):
+        both = ck.source("union", members=members)
+        data = ck.MemberData(both, a)
+        f = ck.MemberData(both, [0.0, *a[1:]])
+        problem = ck.Elliptic(f=f, c=data, diffusivity=data)
+        solution = ck.solve(ck.Scene(both, problem, junctions=ck.Junction(radius=0.05)), 0.15, estimate=False)
+        found.append(solution.of_dimension(1).evaluate([1.0, 0, 0]))
+    assert found[0] == pytest.approx(found[1], rel=2e-3)
+
+
+def test_all_crossings_of_a_curve_are_found():
+    """A long line through a sphere, and a wave through a plane."""
+    rod = ck.source("analytic.segment", start=[-60.0, 0.2, 0.1], end=[60.0, 0.2, 0.1])
+    (meeting,) = meetings_of(ck.source("union", members=[SPHERE, rod]))
+    assert len(meeting.places) == 2
+    np.testing.assert_allclose(np.linalg.norm(meeting.places, axis=1), 1.0, atol=1e-6)
+    x = np.linspace(-2.0, 2.0, 801)
+    wave = ck.source("mesh.polyline", points=np.stack([x, 0.3 * np.sin(10 * np.pi * x + 0.1), 0 * x], axis=1))
+    corners = [[-3.0, 0, -3], [3, 0, -3], [3, 0, 3], [-3, 0, 3]]
+    plane = ck.source("mesh.triangles", vertices=corners, faces=[[0, 1, 2], [0, 2, 3]], closest="faceted")
+    (meeting,) = meetings_of(ck.source("union", members=[plane, wave]))
+    assert meeting.how == "points"
+    assert len(meeting.places) == 40
+    tangent = ck.source("analytic.segment", start=[1.0, -2.0, 0], end=[1.0, 2.0, 0])
+    (meeting,) = meetings_of(ck.source("union", members=[SPHERE, tangent]))
+    np.testing.assert_allclose(meeting.places, [[1.0, 0, 0]], atol=1e-2)
+
+
+def test_a_boundary_that_crosses_a_curve_in_a_surface_is_named():
+    both = ck.source("union", members=[SPHERE, RING])
+    meridian = ck.source("analytic.circle", normal=[1, 0, 0])
+    alone = [ck.Boundary("meridian", meridian, both=1.0)]
+    (warning,) = ck.discretize(ck.Scene(both, ck.ScreenedPoisson(0.0), alone), 0.3).warnings()
+    assert "crosses member 1 of the union near" in warning
+    pins = [ck.Boundary(f"pin {y}", ck.source("analytic.point", at=[0, y, 0]), both=1.0) for y in (-1, 1)]
+    solution = ck.solve(ck.Scene(both, ck.ScreenedPoisson(0.0), [*alone, *pins]), 0.2)
+    assert not any("crosses member" in text for text in solution.warnings)
+    assert solution.of_dimension(1).evaluate([0.0, 1.0, 0.0]) == pytest.approx(1.0, rel=1e-4)
 
 
 def test_members_that_almost_touch_are_named():
