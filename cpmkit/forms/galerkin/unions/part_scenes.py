@@ -19,6 +19,7 @@ from cpmkit.scene.edge_conditions import EdgeConditions
 from cpmkit.scene.junction import CONTINUOUS, JunctionSide
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.special_data import MemberData
+from cpmkit.types import Floats, Ints
 
 #: The name that the cut at a junction has among the boundaries of a part.
 CUT_NAME = "junction {}"
@@ -75,11 +76,16 @@ def _cuts(scene: Scene, meeting: Meeting, numbers: Sequence[int], own: ClosestPo
     if meeting.higher in numbers and meeting.how == "along" and largest_dim(higher) < higher.dim:
         return [Boundary(name, members[meeting.lower], both=JunctionSide())]
     if meeting.lower in numbers and meeting.how == "points":
-        # where curves end or meet each other their mesh is cut and tied already
-        joined = sum(is_near(members[number], meeting.places, own) for number in numbers) > 1
-        inner = meeting.places[(members[meeting.lower].closest_point(meeting.places).edge < 0) & ~joined]
+        branches = sum(_branches(members[number], meeting.places, scene.surface) for number in numbers)
+        inner = meeting.places[branches == 2]  # one branch is an end; three are cut and tied as a junction of curves
         return [Boundary(f"{name}/{meeting.higher} {k}", at[None], across=CONTINUOUS) for k, at in enumerate(inner)]
     return []
+
+
+def _branches(curve: ClosestPointSource, places: Floats, surface: ClosestPointSource) -> Ints:
+    """Return how many branches of a ``curve`` of the union ``surface`` begin at ``places`` (k, d): 1 at its ends."""
+    at_end = np.array([bool(loops_near(curve, at[None])) for at in places])
+    return np.where(is_near(curve, places, surface), np.where(at_end, 1, 2), 0)
 
 
 def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> EdgeConditions:

@@ -7,6 +7,7 @@ from union_problems import BALL, RING, ROD, SPHERE, exchange, in_ball, on_ring, 
 
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
+from cpmkit.forms.galerkin.unions.part_scenes import scenes_by_dimension
 from cpmkit.manifold.mixed_dimension import meetings_of
 
 DISC = ck.source("solid", of=ck.source("analytic.circle"))
@@ -73,6 +74,15 @@ def test_a_rod_on_a_sphere_has_the_value_of_its_radius_at_any_spacing(radius):
             on_rod, opposite = solution.of_dimension(1), solution.of_dimension(2).evaluate(place[3])
             found = np.array([on_rod.evaluate(place[0]), on_rod.evaluate(place[2]), opposite])
             np.testing.assert_allclose(found, expected, rtol=0.012)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_end_of_a_turned_curve_is_no_place_inside_it(seed):
+    """Turned by a rotation, the end lies off the curve's own by rounding."""
+    vector = Rotation.random(random_state=np.random.default_rng(seed)).as_rotvec()
+    turned = ck.source("moved", of=ck.source("union", members=[SPHERE, ROD]), rotation=vector)
+    scene = ck.Scene(turned, ck.ScreenedPoisson(1.0), junctions=ck.Junction(radius=0.05))
+    assert [part.boundaries for _, part in scenes_by_dimension(scene)] == [(), ()]
 
 
 def test_a_curve_that_passes_through_a_surface_is_cut_there():
