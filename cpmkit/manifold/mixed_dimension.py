@@ -125,8 +125,9 @@ def _without_tangents(curve: ClosestPointSource, other: ClosestPointSource, plac
         return places
     from scipy.spatial import cKDTree
 
-    near = cKDTree(places).query(places, min(3, len(places)))[1][:, 1:]
-    pairs = np.stack([np.repeat(np.arange(len(places)), near.shape[1]), near.ravel()], axis=1)
+    distance, near = (each[:, 1:] for each in cKDTree(places).query(places, min(3, len(places))))
+    row, column = np.nonzero(distance <= 1.5 * distance[:, :1])  # not past a neighbour
+    pairs = np.stack([row, near[row, column]], axis=1)
     chord = places[pairs]
     middle = curve.closest_point(chord.mean(axis=1)).points
     straight = norms(middle - chord.mean(axis=1)) <= 0.1 * norms(chord[:, 1] - chord[:, 0])
@@ -140,6 +141,11 @@ def loops_near(source: ClosestPointSource, places: Floats) -> list[int]:
     steps = _steps(source.dim, touching_distance(source))
     loops = source.closest_point((places[:, None] + steps).reshape(-1, source.dim)).edge
     return [int(loop) for loop in np.unique(loops[loops >= 0])]
+
+
+def distinct_places(places: Floats, of: ClosestPointSource) -> Floats:
+    """Return ``places`` (k, d) without those that coincide with earlier ones, to rounding relative to ``of``."""
+    return places[sorted(_distinct(places, np.zeros(len(places)), 4 * touching_distance(of)))]
 
 
 def is_near(source: ClosestPointSource, points: Floats, of: ClosestPointSource) -> Bools:

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.errors import place
 from cpmkit.manifold.abilities import edge_limit_of, members_of
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.manifold.mixed_dimension import Meeting, is_near, loops_near, meetings_of
+from cpmkit.manifold.mixed_dimension import distinct_places, is_near, loops_near, meetings_of
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.data import is_sequence
@@ -20,9 +21,6 @@ from cpmkit.scene.junction import CONTINUOUS, JunctionSide
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.special_data import MemberData
 from cpmkit.types import Floats, Ints
-
-#: The name that the cut at a junction has among the boundaries of a part.
-CUT_NAME = "junction {}"
 
 
 def dimensions_of(surface: ClosestPointSource) -> list[int]:
@@ -44,9 +42,7 @@ def scenes_by_dimension(scene: Scene) -> list[tuple[tuple[int, ...], Scene]]:
         source: Any = surface
         own = source.with_members(numbers)
         boundaries = [each for each in scene.boundaries if _dimension_at(scene, each) == dim]
-        for meeting in meetings_of(surface):
-            names = {boundary.name for boundary in boundaries}
-            boundaries += [cut for cut in _cuts(scene, meeting, numbers, own) if cut.name not in names]
+        boundaries += _cuts(scene, numbers)
         problem = restrict_fields(scene.problem, partial(restrict_data, numbers=numbers, own=own))
         part = Scene(own, problem, boundaries, _edge(scene, numbers, own))
         found.append((numbers, _with_channels(part, scene.channels)))
@@ -69,22 +65,28 @@ def _dimension_at(scene: Scene, boundary: Boundary) -> int:
     return scene.oriented(boundary).dimension
 
 
-def _cuts(scene: Scene, meeting: Meeting, numbers: Sequence[int], own: ClosestPointSource) -> list[Boundary]:
-    """Return the boundaries that a ``meeting`` adds to the scene of the members ``numbers``, whose union is ``own``."""
-    members, name = members_of(scene.surface), CUT_NAME.format(meeting.lower)
-    higher = members[meeting.higher]
-    if meeting.higher in numbers and meeting.how == "along" and largest_dim(higher) < higher.dim:
-        return [Boundary(name, members[meeting.lower], both=JunctionSide())]
-    if meeting.lower in numbers and meeting.how == "points":
-        branches = sum(_branches(members[number], meeting.places, scene.surface) for number in numbers)
-        inner = meeting.places[branches == 2]  # one branch is an end; three are cut and tied as a junction of curves
-        return [Boundary(f"{name}/{meeting.higher} {k}", at[None], across=CONTINUOUS) for k, at in enumerate(inner)]
-    return []
+def _cuts(scene: Scene, numbers: Sequence[int]) -> list[Boundary]:
+    """Return the boundaries at which the members ``numbers`` of one dimension are cut, as others meet them there."""
+    members, cuts, places = members_of(scene.surface), {}, [np.zeros((0, scene.surface.dim))]
+    for meeting in meetings_of(scene.surface):
+        higher, name = members[meeting.higher], f"junction {meeting.lower}"
+        if meeting.higher in numbers and meeting.how == "along" and largest_dim(higher) < higher.dim:
+            cuts[name] = Boundary(name, members[meeting.lower], both=JunctionSide())
+        if meeting.lower in numbers and meeting.how == "points":
+            places.append(meeting.places)
+    at = distinct_places(np.concatenate(places), scene.surface)
+    branches = sum((_branches(members[number], at, scene.surface) for number in numbers), np.zeros(len(at), dtype=int))
+    # one branch is an end; three are cut and tied as a junction of curves
+    inner = [
+        Boundary(f"junction at {place(one)}, {k}", one[None], across=CONTINUOUS)
+        for k, one in enumerate(at[branches == 2])
+    ]
+    return [*cuts.values(), *inner]
 
 
 def _branches(curve: ClosestPointSource, places: Floats, surface: ClosestPointSource) -> Ints:
     """Return how many branches of a ``curve`` of the union ``surface`` begin at ``places`` (k, d): 1 at its ends."""
-    at_end = np.array([bool(loops_near(curve, at[None])) for at in places])
+    at_end = np.array([bool(loops_near(curve, at[None])) for at in places], dtype=bool)
     return np.where(is_near(curve, places, surface), np.where(at_end, 1, 2), 0)
 
 

@@ -327,6 +327,14 @@ def test_rods_that_end_at_one_point_share_the_surface_there():
         solution = ck.solve(ck.Scene(both, problem, junctions=ck.Junction(radius=0.05)), 0.15, estimate=False)
         found.append(solution.of_dimension(1).evaluate([1.0, 0, 0]))
     assert found[0] == pytest.approx(found[1], rel=2e-3)
+    halves = [ck.source("analytic.segment", start=[s, 0, 0], end=[e, 0, 0]) for s, e in ((-3.0, 1.0), (1.0, 3.0))]
+    found = []
+    for rods in (halves, [ck.source("analytic.segment", start=[-3.0, 0, 0], end=[3.0, 0, 0])]):
+        both = ck.source("union", members=[SPHERE, *rods])
+        problem = ck.Elliptic(f=ck.MemberData(both, [0.0] + [1.0] * len(rods)), c=1.0)
+        solution = ck.solve(ck.Scene(both, problem, junctions=ck.Junction(radius=0.05)), 0.15, estimate=False)
+        found.append(solution.of_dimension(1).evaluate([[1.0, 0, 0], [1.5, 0, 0], [-1.0, 0, 0]]))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
 
 
 def test_all_crossings_of_a_curve_are_found():
