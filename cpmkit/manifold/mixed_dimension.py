@@ -1,174 +1,12 @@
-"""Places where members of different dimension in a union meet, and warnings where no law holds there."""
+"""Warnings about members of different dimension in a union: near misses, and places where no law holds."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import permutations, product
-from typing import Literal
-from weakref import WeakKeyDictionary
-
-import numpy as np
-
 from cpmkit.errors import place
-from cpmkit.manifold.abilities import HasMesh, members_of
+from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.local_source import largest_dim
+from cpmkit.manifold.meetings import approaches, meetings_of, pairs_of_dimensions, touching_distance
 from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
-from cpmkit.manifold.vector_algebra import norms
-from cpmkit.runtime.index_sets import connected_components
-from cpmkit.types import Bools, Floats
-
-#: Members touch where they are nearer than this share of the union's largest side: rounding, and errors of meshes.
-TOUCHING_SHARE = 1e-5
-#: A member lies on another in part if more than this share of its points touch it.
-PART_SHARE = 0.02
-#: A curve and a surface are tangent between two places where they are nearer than so many touching distances.
-TANGENT_FACTOR = 10.0
-#: Number of points on a curve at which its distance from other members is computed.
-CURVE_SAMPLES = 4000
-
-
-@dataclass(frozen=True, eq=False)
-class Meeting:
-    """Two members of a union that meet, of different dimension."""
-
-    lower: int  #: The number of the member of lower dimension.
-    higher: int  #: The number of the other member.
-    #: "along": all of the lower member lies on the other, or on the boundary of a solid. "points": they meet at single
-    #: points. "in part": a part of the lower member lies on the other. "inside": it enters a solid.
-    how: Literal["along", "points", "in part", "inside"]
-    places: Floats  #: (k, d): points where they meet; for "points" all of them.
-
-
-#: The meetings of unions in use: to find them takes some thousand closest points.
-_MEETINGS: WeakKeyDictionary[ClosestPointSource, tuple[Meeting, ...]] = WeakKeyDictionary()
-
-
-def meetings_of(surface: ClosestPointSource) -> Sequence[Meeting]:
-    """Return where members of different dimension of a union meet, for each pair that does, whatever the spacing."""
-    if surface not in _MEETINGS:
-        found = [_meeting(surface, *pair) for pair in pairs_of_dimensions(members_of(surface))]
-        _MEETINGS[surface] = tuple(each for each in found if each is not None)
-    return _MEETINGS[surface]
-
-
-def _meeting(surface: ClosestPointSource, lower: int, higher: int) -> Meeting | None:
-    """Return how two members of a union meet, given by their numbers; None if they do not touch."""
-    members, touching = members_of(surface), touching_distance(surface)
-    of_lower, of_higher = members[lower], members[higher]
-    x, step = _samples_of(of_lower)
-    on = is_near(of_higher, x, surface)
-    if largest_dim(of_higher) == of_higher.dim:
-        around = (x[:, None] + _steps(of_higher.dim, touching)).reshape(-1, of_higher.dim)
-        inside = is_near(of_higher, around, surface).reshape(len(x), -1).all(axis=1)
-        if inside.any():
-            return Meeting(lower, higher, "inside", x[inside])
-    if on.all():
-        return Meeting(lower, higher, "along", x)
-    if on.sum() > max(PART_SHARE * len(x), 2):
-        return Meeting(lower, higher, "in part", x[on])
-    if step:
-        places = _crossings(of_lower, of_higher, x, step, touching)
-    else:
-        gap, places = _approaches(of_lower, of_higher, touching, touching)
-        places = places if gap == 0 else places[:0]
-    return Meeting(lower, higher, "points", _at_ends(of_lower, places, touching)) if len(places) else None
-
-
-def _samples_of(source: ClosestPointSource) -> tuple[Floats, float]:
-    """Return points (n, d) of a source, and of a curve with a mesh the distance between neighbours; else 0."""
-    box = np.asarray(source.bounds, dtype=np.float64)
-    size = float(np.ptp(box, axis=0).max())
-    if largest_dim(source) == 1 and isinstance(source, HasMesh):
-        vertices, cells = source.mesh(size / 200)
-        start, chord = vertices[cells[:, 0]], vertices[cells[:, 1]] - vertices[cells[:, 0]]
-        length = norms(chord)
-        step = float(length.sum()) / CURVE_SAMPLES
-        count = np.ceil(length / step).astype(np.int64)
-        each = np.repeat(np.arange(len(count)), count)
-        share = (np.arange(len(each)) - np.repeat(np.cumsum(count) - count, count)) / count[each]
-        points = start[each] + share[:, None] * chord[each]
-        return source.closest_point(np.concatenate([points, vertices])).points, step
-    axes = np.linspace(box[0], box[1], round(2000 ** (1 / source.dim))).T
-    feet = source.closest_point(np.array([*product(*axes)])).points
-    return feet[_distinct(feet, np.zeros(len(feet)), 0.01 * size)], 0.0
-
-
-def crossings(curve: ClosestPointSource, other: ClosestPointSource, of: ClosestPointSource) -> Floats:
-    """Return the points (k, d) where a curve meets another source, to rounding relative to the size of ``of``."""
-    samples, step = _samples_of(curve)
-    return _crossings(curve, other, samples, step, touching_distance(of))
-
-
-def _crossings(
-    curve: ClosestPointSource, other: ClosestPointSource, samples: Floats, step: float, touching: float
-) -> Floats:
-    """Return the points (k, d) where a curve with ``samples`` (n, d), a ``step`` apart, meets another member."""
-    x = samples[norms(other.closest_point(samples).points - samples) <= step]
-    for _ in range(200):
-        y = other.closest_point(x).points
-        if norms(y - x).max(initial=0.0) <= 1e-3 * touching:
-            break
-        x = curve.closest_point(y).points
-    gap = norms(other.closest_point(x).points - x)
-    x, gap = x[gap <= touching], gap[gap <= touching]
-    chosen = _distinct(x, gap, 2 * step)
-    return _without_tangents(curve, other, x[chosen], touching)
-
-
-def _without_tangents(curve: ClosestPointSource, other: ClosestPointSource, places: Floats, touching: float) -> Floats:
-    """Return the ``places`` (k, d), by ascending gap, without later ones where the curve runs along the other source.
-
-    Where they are tangent many points of the curve touch; neighbours are one place if the curve touches between them.
-    """
-    if len(places) < 2:
-        return places
-    from scipy.spatial import cKDTree
-
-    distance, near = (each[:, 1:] for each in cKDTree(places).query(places, min(3, len(places))))
-    row, column = np.nonzero(distance <= 1.5 * distance[:, :1])  # not past a neighbour
-    pairs = np.stack([row, near[row, column]], axis=1)
-    chord = places[pairs]
-    middle = curve.closest_point(chord.mean(axis=1)).points
-    straight = norms(middle - chord.mean(axis=1)) <= 0.1 * norms(chord[:, 1] - chord[:, 0])
-    joined = straight & (norms(other.closest_point(middle).points - middle) <= TANGENT_FACTOR * touching)
-    count, label = connected_components(len(places), pairs[joined])
-    return places[[int(np.flatnonzero(label == k)[0]) for k in range(count)]]
-
-
-def loops_near(source: ClosestPointSource, places: Floats) -> list[int]:
-    """Return the numbers of the edge loops of ``source`` on which ``places`` (k, d) lie, to rounding."""
-    steps = _steps(source.dim, touching_distance(source))
-    loops = source.closest_point((places[:, None] + steps).reshape(-1, source.dim)).edge
-    return [int(loop) for loop in np.unique(loops[loops >= 0])]
-
-
-def distinct_places(places: Floats, of: ClosestPointSource) -> Floats:
-    """Return ``places`` (k, d) without those that coincide with earlier ones, to rounding relative to ``of``."""
-    return places[sorted(_distinct(places, np.zeros(len(places)), 4 * touching_distance(of)))]
-
-
-def is_near(source: ClosestPointSource, points: Floats, of: ClosestPointSource) -> Bools:
-    """Return (n,) whether ``points`` (n, d) touch a source, relative to the size of ``of``."""
-    return np.asarray(norms(source.closest_point(points).points - points) <= touching_distance(of))
-
-
-def touching_distance(source: ClosestPointSource) -> float:
-    """Return the distance up to which something touches a source: a share of its largest side."""
-    return TOUCHING_SHARE * float(np.ptp(np.asarray(source.bounds, dtype=np.float64), axis=0).max())
-
-
-def _steps(dim: int, touching: float) -> Floats:
-    """Return steps (2 d, d) along the axes, a few times as long as ``touching``."""
-    return 4 * touching * np.concatenate([np.eye(dim), -np.eye(dim)])
-
-
-def _at_ends(source: ClosestPointSource, places: Floats, touching: float) -> Floats:
-    """Return ``places`` (k, d) on a source, with those about as near to its edge as ``touching`` moved there."""
-    feet = source.closest_point((places[:, None] + _steps(source.dim, touching)).reshape(-1, source.dim))
-    at_edge = (feet.edge >= 0).reshape(len(places), -1)
-    moved = feet.points.reshape(len(places), -1, source.dim)[np.arange(len(places)), at_edge.argmax(axis=1)]
-    return np.where(np.asarray(at_edge.any(axis=1))[:, None], moved, places)
 
 
 def near_miss_warnings(surface: ClosestPointSource, spacing: float) -> tuple[str, ...]:
@@ -176,19 +14,13 @@ def near_miss_warnings(surface: ClosestPointSource, spacing: float) -> tuple[str
     members, meeting = members_of(surface), {(each.lower, each.higher) for each in meetings_of(surface)}
     for lower, higher in pairs_of_dimensions(members):
         if (lower, higher) not in meeting:
-            gap, places = _approaches(members[lower], members[higher], spacing, touching_distance(surface))
+            gap, places = approaches(members[lower], members[higher], spacing, touching_distance(surface))
             if len(places):
                 return (
                     f"Members {lower} and {higher} of the union come within {gap:.2g} of each other near "
                     f"{place(places[0])} and do not touch: nothing flows between them; let them touch if it should.",
                 )
     return ()
-
-
-def pairs_of_dimensions(members: Sequence[ClosestPointSource]) -> list[tuple[int, int]]:
-    """Return the numbers of all pairs of ``members`` of different dimension, that of lower dimension first."""
-    dims = [largest_dim(member) for member in members]
-    return [(low, high) for low, high in permutations(range(len(members)), 2) if dims[low] < dims[high]]
 
 
 def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> list[str]:
@@ -203,7 +35,7 @@ def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> l
     within = max(4 * spacing, touching)
     joints = []
     for lower, higher in pairs_of_dimensions(members):
-        gap, places = _approaches(members[lower], members[higher], within, touching)
+        gap, places = approaches(members[lower], members[higher], within, touching)
         joints += [(gap, lower, higher, places)] if len(places) else []
     if not joints:
         return []
@@ -220,42 +52,3 @@ def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> l
         "solve the parts separately: a curve with a value at the joint, at its end or at a boundary point, a surface "
         "without, or with it on a small circle."
     ]
-
-
-def _approaches(
-    lower: ClosestPointSource, higher: ClosestPointSource, within: float, touching: float
-) -> tuple[float, Floats]:
-    """Return the places (k, d) of ``lower`` where two members meet, or else come ``within`` a distance, and how near.
-
-    The places, in a fixed order, at least ``within`` and 2 percent of the bounds apart, are found by alternating
-    projections from up to 64 of about 1000 points, which may miss some. A distance up to ``touching`` is 0.
-    """
-    boxes = np.array([lower.bounds, higher.bounds], dtype=np.float64)
-    low, high = boxes[:, 0].max(axis=0) - within, boxes[:, 1].min(axis=0) + within
-    if (low > high).any():
-        return np.inf, np.zeros((0, lower.dim))
-    size = float(np.ptp(boxes, axis=(0, 1)).max())
-    axes = np.linspace(low, high, round(1000 ** (1 / lower.dim))).T
-    x = lower.closest_point(np.array([*product(*axes)])).points
-    y = higher.closest_point(x).points
-    starts = _distinct(x, norms(y - x), 0.01 * size)[:64]
-    x, y = x[starts], y[starts]
-    for _ in range(200):
-        if norms(y - x).max() <= touching:
-            break
-        x = lower.closest_point(y).points
-        y = higher.closest_point(x).points
-    gap = np.where(norms(y - x) <= touching, 0.0, norms(y - x))
-    x, gap = (each[gap <= (within if gap.min() > 0 else 0.0)] for each in (x, gap))
-    chosen = _distinct(x, gap, max(within, 0.02 * size))
-    x, gap = x[chosen], gap[chosen]
-    return float(gap.max(initial=0.0)), x[np.lexsort(np.round(x / size, 6).T[::-1])]
-
-
-def _distinct(points: Floats, distance: Floats, apart: float) -> list[int]:
-    """Return the rows of ``points`` (n, d) by ascending ``distance`` (n,), without those less ``apart`` from others."""
-    left, chosen = np.argsort(distance, kind="stable"), []
-    while len(left):
-        chosen.append(int(left[0]))
-        left = left[norms(points[left] - points[left[0]]) > apart]
-    return chosen

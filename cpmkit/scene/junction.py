@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from cpmkit.errors import SceneError, place, shown
 from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.manifold.mixed_dimension import Meeting, crossings, is_near, meetings_of
+from cpmkit.manifold.meetings import Meeting, crossings, is_near, meetings_of
 from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
 from cpmkit.runtime.arrays import not_negative, positive
 from cpmkit.scene.conditions import Condition

@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.manifold.mixed_dimension import touching_distance
+from cpmkit.manifold.meetings import touching_distance
 from cpmkit.manifold.orientation import AS_GIVEN, Orientation
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.manifold.tangent_space import left_conormals, outward_conormals, unit_normals, unit_tangents

@@ -14,12 +14,13 @@ from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.unions.junctions import ON_SPACINGS, Contact, PointContact, mean_over_circles
 from cpmkit.forms.galerkin.unions.part_scenes import scenes_by_dimension, without_edge
-from cpmkit.forms.galerkin.unions.union_form import GalerkinUnion, UnionPart
+from cpmkit.forms.galerkin.unions.union_form import GalerkinUnion
+from cpmkit.forms.galerkin.unions.union_parts import UnionPart
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.manifold.abilities import HasSkin, members_of
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.mixed_dimension import Meeting, is_near, meetings_of, touching_distance
+from cpmkit.manifold.meetings import Meeting, is_near, meetings_of, touching_distance
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.scene.junction import Junction, JunctionLaw, check_radii, junction_of
 from cpmkit.scene.scene import Scene

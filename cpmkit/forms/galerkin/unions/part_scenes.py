@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.manifold.abilities import edge_limit_of, members_of
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.manifold.mixed_dimension import distinct_places, is_near, loops_near, meetings_of
+from cpmkit.manifold.meetings import distinct_places, is_near, loops_near, meetings_of
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.data import is_sequence

@@ -8,7 +8,7 @@ from union_problems import BALL, RING, ROD, SPHERE, exchange, in_ball, on_ring, 
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.galerkin.unions.part_scenes import scenes_by_dimension
-from cpmkit.manifold.mixed_dimension import meetings_of
+from cpmkit.manifold.meetings import meetings_of
 
 DISC = ck.source("solid", of=ck.source("analytic.circle"))
 CIRCLE = ck.source("analytic.circle")
