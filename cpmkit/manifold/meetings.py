@@ -14,7 +14,6 @@ from cpmkit.manifold.abilities import HasMesh, members_of
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.vector_algebra import norms
-from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats
 
 #: Members touch where they are nearer than this share of the union's largest side: rounding, and errors of meshes.
@@ -123,6 +122,8 @@ def _without_tangents(curve: ClosestPointSource, other: ClosestPointSource, plac
     if len(places) < 2:
         return places
     from scipy.spatial import cKDTree
+
+    from cpmkit.runtime.index_sets import connected_components
 
     distance, near = (each[:, 1:] for each in cKDTree(places).query(places, min(3, len(places))))
     row, column = np.nonzero(distance <= 1.5 * distance[:, :1])  # not past a neighbour

@@ -129,6 +129,7 @@ class MemberData:
 
     def __call__(self, points: Floats, t: float | None = None) -> Floats:
         """Return the data (n,) or (n, channels) at ``points`` (n, d): those of the member with the closest point."""
+        points = as_points(points, self.source.dim)
         number = self.member_at(points)
         columns = [
             evaluate_data(value, points[number == k], None, f"data of member {k}", t)

@@ -109,7 +109,8 @@ def test_channels_are_integrated_each():
 
 def test_a_mixed_union_is_integrated_by_dimension():
     sphere, line = ck.source("analytic.sphere"), ck.source("analytic.segment", start=[1, 0, 0], end=[2, 0, 0])
-    solution = ck.solve(ck.Scene(ck.source("union", members=[sphere, line]), ck.ScreenedPoisson(2.0)), 0.1)
+    both = ck.source("union", members=[sphere, line])
+    solution = ck.solve(ck.Scene(both, ck.ScreenedPoisson(2.0), junctions=ck.Junction(radius=0.1)), 0.1)
     assert solution.integrate(dim=1) == pytest.approx(2.0, rel=1e-6)
     assert solution.integrate(dim=2) == pytest.approx(8 * np.pi, rel=1e-5)
     with pytest.raises(ck.InputError, match="dimensions 1 and 2, whose sizes do not add up"):

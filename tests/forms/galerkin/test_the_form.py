@@ -187,7 +187,7 @@ def test_forms_are_chosen_with_a_reason():
         solve(SCREENED, 0.3, degree=4)
     rod = ck.source("analytic.segment", start=[1, 0, 0], end=[2, 0, 0])
     union = ck.source("union", members=[ck.source("analytic.sphere"), rod])
-    with pytest.raises(ck.SceneError, match="got a union of the dimensions 1 and 2 in 3D; use form='collocation'"):
+    with pytest.raises(ck.SceneError, match="give the radius r of the curve's cross section"):
         solve(ck.Scene(union, ck.ScreenedPoisson(1.0)), 0.3)
     with pytest.raises(ck.InputError, match=r"no option 'method' \(did you mean form='galerkin'\?\)"):
         ck.solve(SCREENED, 0.3, method="galerkin")
