@@ -150,7 +150,8 @@ class UnionAssembly:
                 start += sizes[k]
                 touched[k] = np.unique(blocks[-1][touched[k]].indices)
                 sizes[k] = blocks[-1].shape[1]
-            found.append(Level(block_diagonal(blocks), np.concatenate(strips)))
+            in_blocks = any(level is not None and level.in_blocks for level in levels)
+            found.append(Level(block_diagonal(blocks), np.concatenate(strips), in_blocks=in_blocks))
         return inner.usable_levels(found, self.spacing) if isinstance(inner, GalerkinOperator) else found
 
     def _touched_unknowns(self, number: int) -> Ints:
