@@ -12,10 +12,8 @@ with the largest error at each position, and the lowest and the highest ratio ar
 
 from __future__ import annotations
 
-import argparse
 import sys
-import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,9 +23,9 @@ import numpy as np
 sys.path[:0] = [str(Path(__file__).parents[1] / "tests")]
 
 from junction_scenes import CURVES, Case, arms, ball, disk, line, ring, rod, spoke, warm  # noqa: E402
+from row_tables import print_and_write  # noqa: E402
 
 import cpmkit as ck  # noqa: E402
-from cpmkit.studies.tables import table_row, table_rule  # noqa: E402
 
 TABLE = Path(__file__).parent / "tables" / "junctions.md"
 HEAD = ("members", "data", "h", "Galerkin", "collocation", "iterations, Galerkin", "estimate over error, Galerkin")
@@ -116,20 +114,5 @@ def rows(quick: bool) -> Iterator[list[str]]:
             yield heat_row(case, spacing, positions)
 
 
-def main(arguments: Sequence[str]) -> None:
-    """Solve, print the table, and write it if all of it was solved."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="scenes in the plane at one position; nothing is written")
-    quick, lines = parser.parse_args(arguments).quick, [table_row(HEAD), table_rule(2, 5)]
-    print(*lines, sep="\n")
-    for cells in rows(quick):
-        lines.append(table_row(cells))
-        print(lines[-1], flush=True)
-    if not quick:
-        TABLE.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 if __name__ == "__main__":
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ck.CpmkitWarning)
-        main(sys.argv[1:])
+    print_and_write(rows, HEAD, TABLE, __doc__, "scenes in the plane at one position; nothing is written")

@@ -1,25 +1,10 @@
 """The cheap variant of the benchmark of junctions: orders in the plane, estimates, and the total of heat."""
 
-import sys
-from pathlib import Path
-
-import pytest
 from model_problems import order_of
 
-BENCHMARKS = str(Path(__file__).parents[2] / "benchmarks")
 
-
-@pytest.fixture
-def rows(monkeypatch):
-    """Return the cells of the rows of scenes in the plane, at one position, by the head of their columns."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    module = __import__("junctions")
-    yield [dict(zip(module.HEAD, cells, strict=True)) for cells in module.rows(quick=True)]
-    for name in ("junctions", "junction_scenes"):
-        sys.modules.pop(name)
-
-
-def test_junctions_in_the_plane(rows):
+def test_junctions_in_the_plane(quick_rows):
+    rows = quick_rows("junctions")
     *steady, heat = rows
     for case in {(row["members"], row["data"]) for row in steady}:
         found = [row for row in steady if (row["members"], row["data"]) == case]

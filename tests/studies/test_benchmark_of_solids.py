@@ -1,25 +1,10 @@
 """The cheap variant of the benchmark of solids: orders on the disk, exact linear functions, and the total of heat."""
 
-import sys
-from pathlib import Path
-
-import pytest
 from model_problems import order_of
 
-BENCHMARKS = str(Path(__file__).parents[2] / "benchmarks")
 
-
-@pytest.fixture
-def rows(monkeypatch):
-    """Return the cells of the rows of solids in the plane, at one position, by the head of their columns."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    module = __import__("solids")
-    yield [dict(zip(module.HEAD, cells, strict=True)) for cells in module.rows(quick=True)]
-    for name in ("solids", "solid_shapes"):
-        sys.modules.pop(name)
-
-
-def test_solids_in_the_plane(rows):
+def test_solids_in_the_plane(quick_rows):
+    rows = quick_rows("solids")
     for condition in ("Dirichlet", "Neumann", "Robin"):
         disk = [row for row in rows if (row["solid"], row["data"]) == ("disk", condition)]
         spacings = [float(row["h"]) for row in disk]
