@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from cpmkit.scene.equations_in_time import Heat as Heat
     from cpmkit.scene.equations_in_time import Wave as Wave
     from cpmkit.scene.junction import Junction as Junction
+    from cpmkit.scene.member_data import MemberData as MemberData
     from cpmkit.scene.nonlinear_equations import NonlinearDiffusion as NonlinearDiffusion
     from cpmkit.scene.nonlinear_equations import PLaplacian as PLaplacian
     from cpmkit.scene.nonlinear_equations import TotalVariation as TotalVariation
@@ -61,7 +62,6 @@ if TYPE_CHECKING:
     from cpmkit.scene.special_conditions import Steklov as Steklov
     from cpmkit.scene.special_conditions import Transmission as Transmission
     from cpmkit.scene.special_data import Divergence as Divergence
-    from cpmkit.scene.special_data import MemberData as MemberData
     from cpmkit.scene.special_data import PointSource as PointSource
     from cpmkit.scene.special_data import VertexData as VertexData
     from cpmkit.scenefile.kinds import kinds as kinds

@@ -103,12 +103,8 @@ def _crossings(
 ) -> Floats:
     """Return the points (k, d) where a curve with ``samples`` (n, d), a ``step`` apart, meets another member."""
     x = samples[norms(other.closest_point(samples).points - samples) <= step]
-    for _ in range(200):
-        y = other.closest_point(x).points
-        if norms(y - x).max(initial=0.0) <= 1e-3 * touching:
-            break
-        x = curve.closest_point(y).points
-    gap = norms(other.closest_point(x).points - x)
+    x, y = _project_in_turn(curve, other, x, 1e-3 * touching)
+    gap = norms(y - x)
     x, gap = x[gap <= touching], gap[gap <= touching]
     chosen = _distinct(x, gap, 2 * step)
     return _without_tangents(curve, other, x[chosen], touching)
@@ -194,17 +190,25 @@ def approaches(
     x = lower.closest_point(np.array([*product(*axes)])).points
     y = higher.closest_point(x).points
     starts = _distinct(x, norms(y - x), 0.01 * size)[:64]
-    x, y = x[starts], y[starts]
-    for _ in range(200):
-        if norms(y - x).max() <= touching:
-            break
-        x = lower.closest_point(y).points
-        y = higher.closest_point(x).points
+    x, y = _project_in_turn(lower, higher, x[starts], touching)
     gap = np.where(norms(y - x) <= touching, 0.0, norms(y - x))
     x, gap = (each[gap <= (within if gap.min() > 0 else 0.0)] for each in (x, gap))
     chosen = _distinct(x, gap, max(within, 0.02 * size))
     x, gap = x[chosen], gap[chosen]
     return float(gap.max(initial=0.0)), x[np.lexsort(np.round(x / size, 6).T[::-1])]
+
+
+def _project_in_turn(
+    lower: ClosestPointSource, higher: ClosestPointSource, x: Floats, near: float
+) -> tuple[Floats, Floats]:
+    """Return points x and y, (k, d) each, on two sources, projected in turn until all pairs are as ``near`` as that."""
+    y = higher.closest_point(x).points
+    for _ in range(200):
+        if norms(y - x).max(initial=0.0) <= near:
+            break
+        x = lower.closest_point(y).points
+        y = higher.closest_point(x).points
+    return x, y
 
 
 def _distinct(points: Floats, distance: Floats, apart: float) -> list[int]:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.manifold.abilities import HasValues, members_of
+from cpmkit.manifold.abilities import HasValues
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.arrays import as_points, number
-from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, is_zero, reaction_rates, takes_time
+from cpmkit.scene.data import Data, Functional, is_sequence, is_zero
 from cpmkit.scene.diffusivities import TENSOR_SHAPES
-from cpmkit.types import Floats, Ints
+from cpmkit.types import Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,90 +84,6 @@ class VertexData:
 
 #: Lists and arrays of more numbers than this are not one number for each channel.
 MOST_CHANNELS = 16
-
-
-@dataclass(frozen=True, eq=False)
-class MemberData:
-    """A function of points that has a value, or a function of points, for each member of a union.
-
-    Parameters
-    ----------
-    source : ClosestPointSource
-        The union.
-    values : sequence
-        A number or a function of points for each member, in their order.
-
-    Raises
-    ------
-    InputError
-        If there is not one value for each member.
-
-    Examples
-    --------
-    >>> import cpmkit as ck
-    >>> parts = [ck.source("analytic.circle"), ck.source("analytic.segment", start=[1, 0], end=[3, 0])]
-    >>> both = ck.source("union", members=parts)
-    >>> ck.MemberData(both, [1.0, lambda x: 10 * x[:, 0]])([[0, 1], [2, 0]])
-    array([ 1., 20.])
-    """
-
-    source: ClosestPointSource
-    values: Sequence[Any]
-
-    def __post_init__(self) -> None:
-        """Raise InputError if there is not one value for each member."""
-        count = len(members_of(self.source))
-        if not isinstance(self.values, Sequence) or len(self.values) != count:
-            raise InputError(
-                f"values must be a list with one entry for each of {count} members, got {shown(self.values)}."
-            )
-
-    @property
-    def takes_time(self) -> bool:
-        """True if the data of a member depend on the time."""
-        return takes_time(list(self.values))
-
-    def __call__(self, points: Floats, t: float | None = None) -> Floats:
-        """Return the data (n,) or (n, channels) at ``points`` (n, d): those of the member with the closest point."""
-        points = as_points(points, self.source.dim)
-        number = self.member_at(points)
-        columns = [
-            evaluate_data(value, points[number == k], None, f"data of member {k}", t)
-            for k, value in enumerate(self.values)
-        ]
-        found = np.empty((len(points), max(each.shape[1] for each in columns)))
-        for k, each in enumerate(columns):
-            found[number == k] = each
-        return found if found.shape[1] > 1 else found[:, 0]
-
-    def member_at(self, points: Floats) -> Ints:
-        """Return the number (n,) of the member with the closest point to each of ``points`` (n, d)."""
-        element = self.source.closest_point(np.ascontiguousarray(points, dtype=np.float64)).element
-        return np.zeros(len(points), dtype=np.int64) if element is None else element
-
-    def of_members(self, numbers: Sequence[int], source: ClosestPointSource) -> Any:
-        """Return the data of the members with these ``numbers``, of which ``source`` is the union."""
-        chosen = [self.values[number] for number in numbers]
-        return chosen[0] if len(chosen) == 1 else MemberData(source, chosen)
-
-
-@dataclass(frozen=True)
-class ReactionAt:
-    """A reaction at a time, as a function of values and points; one of :class:`MemberData` is that of each member."""
-
-    reaction: Any  #: A function of values (p, channels), and perhaps points (p, d) and t, or one for each member.
-    time: float
-    start: float  #: The time of the initial data.
-
-    def __call__(self, u: Floats, points: Floats) -> Floats:
-        """Return the rates (p, channels) for values u (p, channels) at ``points``, as :func:`reaction_rates` does."""
-        if not isinstance(self.reaction, MemberData):
-            return reaction_rates(self.reaction, u, points, self.time, self.start)
-        number, rates = self.reaction.member_at(points), np.empty_like(u)
-        for k, own in enumerate(self.reaction.values):
-            rows = number == k
-            rates[rows] = reaction_rates(own, u[rows], points[rows], self.time, self.start)
-        return rates
 
 
 class VertexArrays:

@@ -22,8 +22,9 @@ from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scene.conditions import Condition, Dirichlet, Neumann, Robin
 from cpmkit.scene.data import Data, as_vector_field, is_sequence, read_formula
 from cpmkit.scene.junction import Junction
+from cpmkit.scene.member_data import MemberData
 from cpmkit.scene.special_conditions import SimplySupported, Steklov, Transmission
-from cpmkit.scene.special_data import MemberData, VertexData
+from cpmkit.scene.special_data import VertexData
 
 CONDITIONS: dict[str, Any] = {kind.kind: kind for kind in (Dirichlet, Neumann, Robin, Steklov, SimplySupported)}
 

@@ -21,8 +21,8 @@ from cpmkit.linear.residuals import SolveReport
 from cpmkit.scene.data import Data, Reaction, call_pointwise, takes_time
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.scene.member_data import ReactionAt
 from cpmkit.scene.scene import conditions_depend_on_time
-from cpmkit.scene.special_data import ReactionAt
 from cpmkit.types import Floats
 
 #: Shares of a step up to this are rounding, and no step of their own.

@@ -11,9 +11,9 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.forms.options import Options
-from cpmkit.manifold.abilities import has_finite_feet, members_of
-from cpmkit.manifold.local_source import largest_dim
+from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.mesh.cell_quadrature import SAMPLINGS
+from cpmkit.mesh.mixed_cells import member_dimensions
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.options import DeclaredOptions, one_of, option
 from cpmkit.scene.diffusivities import StateDiffusivity
@@ -161,7 +161,7 @@ def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
     ``given`` are the options by name; those that are missing have their default.
     """
     surface, own = scene.surface, GalerkinOptions().as_dict() | {**given}
-    dims = sorted({largest_dim(member) for member in members_of(surface)})
+    dims = member_dimensions(surface)
     if not {*dims} <= {*range(1, surface.dim + 1)}:
         dimensions = " and ".join(map(str, dims))
         return f"curves, surfaces and solids, got a manifold of dimension {dimensions} in {surface.dim}D"

@@ -91,17 +91,17 @@ def _taken_edge(scene: Scene, numbers: Sequence[int], form: Galerkin) -> Ints:
     """Return the samples (k,) on the edge of the members ``numbers`` that lie on other members."""
     boundary, lattice, members = form.sampled.boundary, form.sampled.lattice, members_of(scene.surface)
     on = np.zeros(len(boundary), dtype=bool)
-    points, near_skin = lattice.to_scene(boundary.points), ON_SPACINGS * lattice.spacing
+    points, reach = lattice.to_scene(boundary.points), ON_SPACINGS * lattice.spacing
     for meeting in meetings_of(scene.surface):
         if not {meeting.lower, meeting.higher} & {*numbers} or not len(points):
             continue
         if meeting.how == "points":
             near = np.min([norms(points - at) for at in meeting.places], axis=0)
-            on |= boundary.on_rim & (near <= ON_SPACINGS * lattice.spacing)
+            on |= boundary.on_rim & (near <= reach)
         elif meeting.higher in numbers and not form.space.splines.samples.codim:
             skin = members[meeting.higher]
             feet = skin.skin.closest_point(points) if isinstance(skin, HasSkin) else None
-            at = points if feet is None else np.where((feet.distance <= near_skin)[:, None], feet.points, points)
+            at = points if feet is None else np.where((feet.distance <= reach)[:, None], feet.points, points)
             on |= is_near(members[meeting.lower], at, scene.surface)
     return np.flatnonzero(on)
 

@@ -14,18 +14,14 @@ from cpmkit.manifold.abilities import edge_limit_of, members_of
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.manifold.meetings import distinct_places, is_near, loops_near, meetings_of
 from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.mesh.mixed_cells import member_dimensions
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.data import is_sequence
 from cpmkit.scene.edge_conditions import EdgeConditions
 from cpmkit.scene.junction import CONTINUOUS, JunctionSide
+from cpmkit.scene.member_data import MemberData
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.special_data import MemberData
 from cpmkit.types import Floats, Ints
-
-
-def dimensions_of(surface: ClosestPointSource) -> list[int]:
-    """Return the dimensions of the members of a union, ascending."""
-    return sorted({largest_dim(member) for member in members_of(surface)})
 
 
 def scenes_by_dimension(scene: Scene) -> list[tuple[tuple[int, ...], Scene]]:
@@ -37,7 +33,7 @@ def scenes_by_dimension(scene: Scene) -> list[tuple[tuple[int, ...], Scene]]:
     """
     members, surface = members_of(scene.surface), scene.surface
     found = []
-    for dim in dimensions_of(surface):
+    for dim in member_dimensions(surface):
         numbers = tuple(k for k, member in enumerate(members) if largest_dim(member) == dim)
         source: Any = surface
         own = source.with_members(numbers)

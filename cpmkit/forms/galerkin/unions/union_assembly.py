@@ -31,8 +31,8 @@ from cpmkit.linear.multigrid.solver import Level
 from cpmkit.linear.operators import Bordered, CsrOperator, Operator, Stiffness
 from cpmkit.scene.data import Data, Functional
 from cpmkit.scene.equations import Terms
+from cpmkit.scene.member_data import ReactionAt
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.special_data import ReactionAt
 from cpmkit.types import Floats, Ints, SparseMatrix
 
 
