@@ -246,8 +246,8 @@ def test_refining_is_left_out_where_it_does_not_pay():
     np.testing.assert_allclose(solution.evaluate(on_sphere()), uniform.evaluate(on_sphere()), atol=1e-8)
 
 
-def test_an_organic_mesh_is_left_alone():
-    vertices, faces = ck.read_mesh("spot.obj")
+def test_an_organic_mesh_is_left_alone(real_mesh):
+    vertices, faces = ck.read_mesh(real_mesh("spot.obj"))
     mesh = ck.source("mesh.triangles", vertices=vertices, faces=faces)
     form = ck.discretize(
         ck.Scene(mesh, ck.ScreenedPoisson(lambda x: np.sin(4 * x[:, 0]) + x[:, 1])), 0.1, refine="auto"
