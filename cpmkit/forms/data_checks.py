@@ -208,7 +208,8 @@ def _describe_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
 class DataAtPoints(NamedTuple):
     """Data of a scene, their label in warnings, and points (k, d) at which a form reads them.
 
-    On the skin of a solid also its normals (k, d): values on both sides of an edge of the skin are not compared.
+    On the skin of a solid also its normals (k, d), and beside boundaries the sides (k, b) of points, -1 or 1: values on
+    both sides of an edge of the skin, or of a boundary, are not compared.
     """
 
     label: str
@@ -272,10 +273,13 @@ def _checked_data(
     f is left out if the equation smooths it; ``vertices`` and ``points`` are as for :func:`data_warnings`.
     """
     terms, points = form.scene.problem.terms(), points[_compared_rows(len(points))]
+    # data may jump at boundaries: points on different sides are not compared
+    distances = [form.signed_distance(boundary.name, points) for boundary in form.scene.boundaries]
+    sides = np.sign(np.nan_to_num(np.stack(distances, axis=1))) if distances else None
     if not _is_smoothed(form, terms, vertices):
-        yield DataAtPoints("the right-hand side f", terms.f, points)
-    yield DataAtPoints("the factor c", terms.c, points)
-    yield DataAtPoints("the diffusivity", terms.diffusivity, points)
+        yield DataAtPoints("the right-hand side f", terms.f, points, sides)
+    yield DataAtPoints("the factor c", terms.c, points, sides)
+    yield DataAtPoints("the diffusivity", terms.diffusivity, points, sides)
     for condition in conditions:
         rows, normals = _compared_rows(len(condition.points)), condition.normals
         yield condition._replace(points=condition.points[rows], normals=None if normals is None else normals[rows])

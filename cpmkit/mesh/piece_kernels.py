@@ -22,6 +22,10 @@ Geometry: TypeAlias = tuple[Ints, Ints, Floats, Ints, Floats, Floats]
 IN_FACE = 1e-7
 #: A point within this distance of a piece, in spacings, lies on it.
 ON_PIECE = 1e-9
+#: Crossings of a way nearer to each other than this share of it are at one point: pieces on both sides of a boundary.
+SAME_CROSSING = 1e-9
+#: Components are tested at this distance, in spacings, on their inner side: another may lie upon them.
+INSIDE_PIECE = 3e-9
 #: The corner of a cell that is tested lies past its faces by these lengths, in spacings, along the axes.
 PAST_CORNER = (0.0, 3e-7, 1e-6)
 GAUSS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(MOMENTS))
@@ -52,7 +56,7 @@ def is_inside(point: Floats, c: int, geometry: Geometry) -> bool:
     """Return whether ``point`` (d,) lies on the inner side of component ``c``: by the first piece on a way to it.
 
     The way leads to the middle of the piece that is best seen from the point; it stays in the cell, which is convex.
-    Points on the component count as inside.
+    Points on the component count as inside. Of two pieces at one place that with the point on its inner side counts.
     """
     order, piece_starts, corners, starts, normals, middles = geometry
     d = len(point)
@@ -84,12 +88,13 @@ def is_inside(point: Floats, c: int, geometry: Geometry) -> bool:
         if p == target or along == 0:
             continue
         t = offset / along
-        if t < 0 or t >= share:
+        if t < 0 or t > share + SAME_CROSSING:
             continue
         for i in range(d):
             x[i] = point[i] + t * way[i]
         if contains(corners, starts[p], starts[p + 1], normals[p], x):
-            share, outward = t, along
+            outward = along if t < share - SAME_CROSSING else max(along, outward)
+            share = min(t, share)
     return outward > 0
 
 
@@ -102,7 +107,7 @@ def group_components(
     The components of cell r are ``component_starts[r]`` to ``component_starts[r + 1]`` - 1. ``is_inner`` is filled from
     ``side_starts[r]`` on, for cells with several: entry n i + j is whether component j is on the inner side of i.
     """
-    order, piece_starts, middles = geometry[0], geometry[1], geometry[5]
+    order, piece_starts, _, _, normals, middles = geometry
     cells = len(component_starts) - 1
     parts = np.ones(cells, dtype=np.int64)
     for r in range(cells):
@@ -112,7 +117,8 @@ def group_components(
         inner = is_inner[side_starts[r] : side_starts[r + 1]]
         for i in range(n):
             for j in range(n):
-                at = middles[order[piece_starts[first + j]]]
+                p = order[piece_starts[first + j]]
+                at = middles[p] - INSIDE_PIECE / np.sqrt(np.sum(normals[p] ** 2)) * normals[p]
                 inner[n * i + j] = i == j or is_inside(at, first + i, geometry)
         parts[r] = 0
         for j in range(n):

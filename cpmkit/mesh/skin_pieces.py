@@ -3,7 +3,7 @@
 The skin is a closed oriented mesh, of segments in the plane or flat triangles in space. All lengths are in spacings;
 the cell of node r is the cube of side 1 around r, and knot planes are its faces. Coordinates very near a knot plane are
 set to it, so that pieces in one cell and the faces of the cell close exactly. A piece in a face belongs to the cell on
-the inner side of the skin.
+the inner side of the skin. A boundary inside the solid is covered by two cells of the mesh, one for each side.
 """
 
 from __future__ import annotations
@@ -58,8 +58,7 @@ class SkinPieces:
     in_face: Bools  #: (m,): whether the piece lies in a face of its cell.
     corners: Floats  #: (k, d): the corners of all pieces, one after the other.
     corner_starts: Ints  #: (m + 1,): where the corners of each piece start.
-    #: (j, 2): pairs of a piece and a facet of the mesh, an edge of triangles or vertex of segments, part of which
-    #: bounds the piece.
+    #: (j, 2): pairs of a piece and a facet of the mesh, part of which bounds the piece.
     bounds: Ints
     points: Floats  #: (q, d): quadrature points.
     areas: Floats  #: (q, d): their weights times the outward unit normals.
@@ -84,26 +83,29 @@ def snap(points: Floats) -> Floats:
     return np.where(np.abs(points - planes) < near, planes, points)
 
 
-def skin_pieces(mesh: Mesh, spacing: float, exact: bool = True) -> SkinPieces:
+def skin_pieces(mesh: Mesh, spacing: float, exact: bool = True, facets: Ints | None = None) -> SkinPieces:
     """Return the pieces of a closed skin.
 
     ``mesh``: flat or quadratic segments that end on knot planes, or flat triangles in space, oriented: segments with
     the inside on their left, triangles counterclockwise from outside. Positions are relative to the lattice's origin.
     ``exact``: see :func:`triangle_rule`.
+    ``facets`` (c, k): the number of the facet opposite to each corner of the cells, by default an edge of triangles or
+    a vertex of segments; see :func:`cpmkit.mesh.sectors.sector_facets`.
     """
+    facets = mesh.connectivity.facet_numbers if facets is None else facets
     if mesh.dim == 2:
-        return _segment_pieces(mesh, spacing)
+        return _segment_pieces(mesh, spacing, facets)
     nodes = np.ascontiguousarray(snap(mesh.vertices / spacing)[mesh.cells])
     corners, starts, facet, edges, in_face, cell = clip_triangles(nodes)
     piece, which = np.nonzero((edges[:, None] >> np.arange(3)) & 1)
-    bounds = np.stack([piece, mesh.edges.of_cells[facet[piece], which]], axis=1)
+    bounds = np.stack([piece, facets[facet[piece], which]], axis=1)
     small = np.ptp(nodes, axis=1).max(axis=1) < SMALL_SPACINGS
     points, areas, of = polygon_nodes(corners, starts, small[facet], *triangle_rule(exact))
     return SkinPieces(cell, facet, in_face, corners, starts, bounds, points, areas, of)
 
 
-def _segment_pieces(mesh: Mesh, spacing: float) -> SkinPieces:
-    """Return the segments of a ``mesh`` as pieces."""
+def _segment_pieces(mesh: Mesh, spacing: float, facets: Ints) -> SkinPieces:
+    """Return the segments of a ``mesh`` as pieces; ``facets`` as in :func:`skin_pieces`."""
     scaled = replace(
         mesh,
         vertices=snap(mesh.vertices / spacing),
@@ -120,7 +122,7 @@ def _segment_pieces(mesh: Mesh, spacing: float) -> SkinPieces:
     inner = middle - np.where(on_plane, 0.25 * np.sign(normal), 0.0)
     kept = norms(corners[:, 1] - corners[:, 0]) > 0
     rows, g = np.flatnonzero(kept), points.shape[1]
-    bounds = np.stack([np.repeat(np.arange(len(rows)), 2), scaled.cells[rows].ravel()], axis=1)
+    bounds = np.stack([np.repeat(np.arange(len(rows)), 2), facets[rows].ravel()], axis=1)
     return SkinPieces(
         np.floor(inner[rows] + 0.5).astype(np.int64),
         rows,

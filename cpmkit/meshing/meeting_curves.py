@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.adjacency import WELDED_SIZE_SHARE, box_size, repair
 from cpmkit.mesh.mesh import Mesh
@@ -26,32 +28,62 @@ def join_curves(curves: Sequence[tuple[LocalSource, Mesh]], length: float) -> Me
     They meet in points that both have up to ``WELDED_SIZE_SHARE`` of their box. Each curve has flat segments, repaired,
     with vertices on it and as a rule not longer than ``length``. If no two meet, the mesh has all segments unchanged.
     """
-    vertices = np.concatenate([mesh.vertices for _, mesh in curves])
-    starts = np.cumsum([0] + [len(mesh.vertices) for _, mesh in curves])
-    tolerance, joints = WELDED_SIZE_SHARE * box_size(vertices), [vertices[:0] for _ in curves]
+    meetings = meetings_of_curves(curves, length)
+    if meetings is None:
+        return None
+    parts = [split_at(*curve, points) for curve, points in zip(curves, meetings, strict=True)]
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in parts[:-1]])
+    cells = np.concatenate([mesh.cells + start for mesh, start in zip(parts, starts, strict=True)])
+    mesh = Mesh.of(np.concatenate([mesh.vertices for mesh in parts]), cells)
+    return repair(mesh)[0] if any(map(len, meetings)) else mesh
+
+
+@dataclass(frozen=True, eq=False)
+class FlatCurve:
+    """The closest points of a mesh of flat segments."""
+
+    mesh: Mesh  #: The segments.
+
+    def closest_point(self, points: Floats) -> ClosestPoints:
+        """Return the closest points on the segments of ``points`` (n, d), without edges."""
+        from scipy.spatial import KDTree
+
+        a, b = self.mesh.vertices[self.mesh.cells].transpose(1, 0, 2)
+        reach = float(KDTree(a).query(points)[0].max(initial=0.0)) + WELDED_SIZE_SHARE * float(norms(b - a).max())
+        row, chord, distance, share = near_chords(points, a, b, reach)
+        order = np.lexsort((distance, row))
+        best = order[np.unique(row[order], return_index=True)[1]]
+        feet = a[chord[best]] + share[best, None] * (b - a)[chord[best]]
+        return ClosestPoints(feet, distance[best], np.full(len(points), -1))
+
+
+#: A curve by its closest points, and its flat segments.
+Curve = tuple[LocalSource | FlatCurve, Mesh]
+
+
+def meetings_of_curves(curves: Sequence[Curve], length: float) -> list[Floats] | None:
+    """Return the points (k, d) of each curve at which it meets others; None where two touch or run along each other.
+
+    Curves are those of :func:`join_curves`.
+    """
+    tolerance = WELDED_SIZE_SHARE * box_size(np.concatenate([mesh.vertices for _, mesh in curves]))
+    meetings = [mesh.vertices[:0] for _, mesh in curves]
     for i, j in combinations(range(len(curves)), 2):
-        meeting = _joints(curves[i], curves[j], length, tolerance)
-        if meeting is None:
+        points = _joints(curves[i], curves[j], length, tolerance)
+        if points is None:
             return None
-        joints[i], joints[j] = np.concatenate([joints[i], meeting]), np.concatenate([joints[j], meeting])
-    cells = []
-    for (source, mesh), start, points in zip(curves, starts, joints, strict=False):
-        segments = split_segments(
-            mesh.vertices,
-            mesh.cells,
-            _segments_at(source, mesh, points),
-            len(vertices) - start + np.arange(len(points)),
-            points,
-        )
-        cells.append(segments + start)
-        vertices = np.concatenate([vertices, points])
-    mesh = Mesh.of(vertices, np.concatenate(cells))
-    return repair(mesh)[0] if len(vertices) > starts[-1] else mesh
+        meetings[i], meetings[j] = np.concatenate([meetings[i], points]), np.concatenate([meetings[j], points])
+    return meetings
 
 
-def _joints(
-    first: tuple[LocalSource, Mesh], second: tuple[LocalSource, Mesh], length: float, tolerance: float
-) -> Floats | None:
+def split_at(source: LocalSource | FlatCurve, mesh: Mesh, points: Floats) -> Mesh:
+    """Return the segments of a curve split at its ``points`` (k, d), which become vertices, near others too."""
+    new = len(mesh.vertices) + np.arange(len(points))
+    cells = split_segments(mesh.vertices, mesh.cells, _segments_at(source, mesh, points), new, points)
+    return Mesh.of(np.concatenate([mesh.vertices, points]), cells)
+
+
+def _joints(first: Curve, second: Curve, length: float, tolerance: float) -> Floats | None:
     """Return the points (k, d) where two curves meet, ends first; None if they touch apart from their ends."""
     at_ends = []
     for (_, mesh), (other, _) in ((first, second), (second, first)):
@@ -66,9 +98,7 @@ def _joints(
     return None if is_touching.any() else np.concatenate([ends, crossings])
 
 
-def _crossings(
-    first: tuple[LocalSource, Mesh], second: tuple[LocalSource, Mesh], length: float, tolerance: float
-) -> tuple[Floats, Bools]:
+def _crossings(first: Curve, second: Curve, length: float, tolerance: float) -> tuple[Floats, Bools]:
     """Return points (k, d) of both curves, where tangents of both meet, and whether these are about parallel there.
 
     They start from chords that are nearer to each other than both curves are to the chords.
@@ -101,13 +131,13 @@ def _near_pairs(a: Floats, b: Floats, c: Floats, d: Floats, reach: float) -> tup
     return np.repeat(np.arange(len(a)), counts), np.concatenate([np.zeros(0), *near]).astype(np.int64)
 
 
-def _heights(source: LocalSource, mesh: Mesh) -> Floats:
+def _heights(source: LocalSource | FlatCurve, mesh: Mesh) -> Floats:
     """Return the distances (s,) of a curve from the middles of its segments."""
     middles = mesh.vertices[mesh.cells].mean(axis=1)
     return norms(source.closest_point(middles).points - middles)
 
 
-def _secants(source: LocalSource, points: Floats, tangents: Floats, ahead: float) -> Floats:
+def _secants(source: LocalSource | FlatCurve, points: Floats, tangents: Floats, ahead: float) -> Floats:
     """Return unit vectors (k, d) from the closest point behind ``points`` (k, d) to the one ahead of them."""
     ends = [source.closest_point(points + sign * ahead * tangents).points for sign in (1, -1)]
     return unit(ends[0] - ends[1])
@@ -127,7 +157,7 @@ def _meeting(p: Floats, q: Floats, along_p: Floats, along_q: Floats) -> tuple[Fl
     return norms(off), np.sqrt(squared), step
 
 
-def _segments_at(source: LocalSource, mesh: Mesh, points: Floats) -> Ints:
+def _segments_at(source: LocalSource | FlatCurve, mesh: Mesh, points: Floats) -> Ints:
     """Return the segment (k,) of a curve's mesh that is nearest to each of its ``points`` (k, d)."""
     a, b = mesh.vertices[mesh.cells].transpose(1, 0, 2)
     reach = 2 * float(_heights(source, mesh).max()) + WELDED_SIZE_SHARE * box_size(mesh.vertices)

@@ -195,6 +195,7 @@ class Interface(_Law):
     left: Data | None = None
     right: Data | None = None
     couples: ClassVar[bool] = True
+    is_dissipative: ClassVar[bool] = True
     data_fields: ClassVar[dict[str, str]] = {"jump": "jump", "flux": "flux"}
     factor_fields: ClassVar[tuple[str, ...]] = ("resistance", "left", "right")
 

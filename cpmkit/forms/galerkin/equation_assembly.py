@@ -23,7 +23,7 @@ from cpmkit.linear.operators import Border, CsrOperator, Operator, Stiffness, pl
 from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
-from cpmkit.scene.laws import Flux, Interface, Mixed, Spectral
+from cpmkit.scene.laws import Flux, Mixed, Spectral
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Side, SparseMatrix
 
@@ -111,7 +111,7 @@ def multigrid_applies(scene: Scene) -> bool:
     laws = [condition.law for condition in scene.conditions]
     if problem.family != "eigen":
         return True
-    if not all(law.is_dissipative or isinstance(law, (Interface, Spectral)) for law in laws):
+    if not all(law.is_dissipative or isinstance(law, Spectral) for law in laws):
         return False
     if not any(isinstance(law, Spectral) for law in laws):
         return True

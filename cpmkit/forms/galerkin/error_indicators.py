@@ -145,7 +145,7 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
         ratios = MIXED
     elif geometry == "normals":
         ratios = _rough_ratios(RESOLVED, (spread.unresolved_share, (0.003, 0.01)))
-    elif sampled.mesh.beyond_tip.any() or sampled.has_voids:
+    elif sampled.has_tips or sampled.has_voids:
         ratios = ENDING
     elif sampled.has_charts:
         ratios = FOLDED

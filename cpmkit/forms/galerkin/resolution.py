@@ -169,8 +169,8 @@ class Resolution:
 
     def end_or_layer_reason(self) -> str:
         """Return in words that a boundary ends inside without singular functions, or a layer is unresolved; else ""."""
-        if bool(self.coefficients.sampled.mesh.beyond_tip.any()) and not self.coefficients.sampled.singular:
-            return "boundaries end inside the surface; the error may fall slowly"
+        if self.coefficients.sampled.has_tips and not self.coefficients.sampled.singular:
+            return "boundaries end inside the manifold; the error may fall slowly"
         if self.layer_spacings < LAYER_SPACINGS:
             where = "along the direction that conducts worst" if self.scene.has_tensor else "beside conditions"
             return f"a layer {where} is {self.layer_spacings:.2g} spacings wide; the error may fall slowly"

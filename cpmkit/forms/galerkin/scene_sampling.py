@@ -146,6 +146,11 @@ class SampledScene(InsertedScene):
         return np.asarray(points[values[dots(conormals[values], conormals[others]) > MIXED_COSINE]])
 
     @property
+    def has_tips(self) -> bool:
+        """Whether a boundary ends inside the manifold."""
+        return bool(self.boundary.beyond_tip.any())
+
+    @property
     def has_charts(self) -> bool:
         """Whether the mesh is cut between charts."""
         return bool((self.boundary.owner <= FOLD_OWNER).any())

@@ -148,9 +148,9 @@ def polygon(*corners):
 
 
 def test_what_is_refused():
-    cut = ck.Boundary("cut", ck.source("analytic.circle", radius=0.5), both=ck.Dirichlet(0.0))
-    with pytest.raises(ck.SceneError, match=r"no boundaries inside solids; change that, or use form='collocation'"):
-        ck.solve(ck.Scene(DISK, ck.Laplace(), [cut]), 0.2, form="galerkin")
+    pin = ck.Boundary("pin", ck.source("analytic.point", at=[0.1, 0.2]), both=ck.Dirichlet(0.0))
+    with pytest.raises(ck.SceneError, match=r"as boundaries inside; change that, or use form='collocation'"):
+        ck.solve(ck.Scene(DISK, ck.Laplace(), [pin]), 0.2, form="galerkin")
     refused = {"degree": 3}, {"refine": "auto"}, {"tips": "singular"}, {"samples": "plain"}
     words = "degree 2 on solids, got degree=3", "refine='off' on solids", "tips='extended' on", "samples='auto' on"
     for options, accepted in zip(refused, words, strict=True):
@@ -208,10 +208,10 @@ def test_the_default_form_on_solids(source):
 
 
 def test_where_solids_take_the_collocation_form():
-    cut = ck.Boundary("cut", ck.source("analytic.circle", radius=0.5), both=ck.Dirichlet(0.0))
+    pin = ck.Boundary("pin", ck.source("analytic.point", at=[0.1, 0.2]), both=ck.Dirichlet(0.0))
     squares = [ck.source("analytic.box", lower=[x, 0.0], upper=[x + 1.0, 1.0]) for x in (0.0, 0.7)]
     cases = {
-        "boundaries inside": form_and_reason(DISK, [cut]),
+        "as boundaries inside": form_and_reason(DISK, [pin]),
         "degree 2 on solids": form_and_reason(DISK, degree=3),
         "may overlap": form_and_reason(ck.source("union", members=squares)),
         "closest points alone": form_and_reason(Plain()),

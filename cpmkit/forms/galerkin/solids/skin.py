@@ -41,12 +41,48 @@ PROBE_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
+class FlatPart:
+    """A part of the skin, or a boundary inside, as flat cells that are neither subdivided nor curved."""
+
+    source: LocalSource  #: The source of the closest points by which cells are curved.
+    mesh: Mesh
+    geometry: CellGeometry  #: How the part runs between the vertices.
+    warnings: tuple[str, ...]  #: Warnings of the mesh.
+    boundary: LocalSource | None  #: The part itself; None if it is known by its cells alone.
+
+    @classmethod
+    def of(cls, boundary: LocalSource, lattice: Lattice) -> FlatPart:
+        """Return the cells of a curve or surface that is known by closest points."""
+        source, mesh, geometry, warnings = mesh_of_manifold(boundary, lattice.spacing, LONGEST_EDGES[boundary.dim])
+        return cls(source, mesh, geometry, warnings, source)
+
+    def curved(self, lattice: Lattice, part_at: PartAt | None = None) -> Mesh:
+        """Return the cells that are sampled: subdivided, curved, segments split at the lattice's knot planes.
+
+        Cells of a skin with parts, see :func:`skin_of`, are no longer than those of curved ones.
+        """
+        mesh, spacing = self.mesh, lattice.spacing
+        if self.geometry != "flat" or mesh.manifold_dim == 1 or part_at is not None:
+            mesh = subdivide(mesh, LONGEST_EDGES[mesh.dim] * spacing)
+        if part_at is not None:
+            mesh = split_at_parts(mesh, np.arange(len(mesh.edges.ends)), part_at, self.geometry, self.source)
+        return curve_cells(mesh, self.geometry, self.source, (), spacing)
+
+
+@dataclass(frozen=True, eq=False)
 class Skin:
-    """The boundary of a solid as a closed oriented mesh, whose cells' normals point out of the solid."""
+    """The boundary of a solid as a closed oriented mesh, whose cells' normals point out of the solid.
+
+    Boundaries inside the solid have two cells at each place, with opposite normals: one bounds each side.
+    """
 
     mesh: Mesh  #: Segments that end on knot planes, or triangles; quadratic where the boundary is curved.
     geometry: CellGeometry  #: How the boundary runs between the vertices.
     warnings: tuple[str, ...]  #: Warnings of the mesh.
+    owner: Ints  #: (m,): the number of the boundary inside that each cell lies on, -1 on the boundary of the solid.
+    left: Bools  #: (m,): whether a cell of a boundary inside bounds its left side.
+    beyond_tip: Bools  #: (m,): whether a cell continues a boundary inside past its tip, where u is continuous.
+    twin: Ints  #: (m,): the cell on the other side of a boundary inside, -1 on the boundary of the solid.
 
     @cached_property
     def is_flat(self) -> Bools:
@@ -76,25 +112,53 @@ class Skin:
         cells = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
         return Mesh.of(np.concatenate([mesh.vertices, middles]), cells), replace(mesh, midpoints=None)
 
+    @property
+    def count(self) -> int:
+        """Number of cells on the boundary of the solid, which come first."""
+        return int((self.owner < 0).sum())
+
 
 def has_reentrant_edges(mesh: Mesh) -> bool:
     """Return whether two cells of a ``mesh`` with outward normals enclose a reentrant angle of the solid."""
     first, second = (facets_of_two_cells(mesh)[1] // mesh.cells.shape[1]).T
-    normals, middles = _normals(mesh), mesh.vertices[mesh.cells].mean(axis=1)
+    normals, middles = normals_of(mesh), mesh.vertices[mesh.cells].mean(axis=1)
     turns = dots(normals[first], normals[second]) < np.cos(np.radians(REENTRANT_DEGREES))
     return bool(np.any(turns & (dots(middles[second] - middles[first], normals[first]) > 0)))
 
 
-def skin_of(solid: LocalSource, lattice: Lattice, part_at: PartAt | None = None) -> Skin:
-    """Return the skin of a solid or of a union of solids, split where its parts by ``part_at`` meet, if given.
+def flat_parts(solid: LocalSource, lattice: Lattice) -> list[list[FlatPart]]:
+    """Return the parts of the boundary of a solid, of each member of a union by itself.
+
+    Raises SceneError if the boundary is not known.
+    """
+    return [_parts_of_member(member, lattice) for member in solid.members]
+
+
+def _parts_of_member(solid: LocalSource, lattice: Lattice) -> list[FlatPart]:
+    """Return the parts of the boundary of a ``solid`` that is no union."""
+    boundary = _boundary_source(solid)
+    if boundary is None:
+        return [FlatPart(solid, _own_boundary(solid, lattice.spacing), "flat", (), None)]
+    # Each part is meshed by its own closest points: those of a thin shell may lie on its other side.
+    return [FlatPart.of(part, lattice) for part in boundary.members]
+
+
+def skin_of(
+    solid: LocalSource, parts: Sequence[Sequence[FlatPart]], lattice: Lattice, part_at: PartAt | None = None
+) -> Skin:
+    """Return the skin of a solid from its :func:`flat_parts`, split where its parts by ``part_at`` meet, if given.
 
     Raises SceneError if it is not closed, or inside and outside cannot be distinguished, ResolutionError if the
     spacing is too coarse for a curved one.
     """
-    return _joined([_skin_of_member(member, lattice, part_at) for member in solid.members])
+    skins = []
+    for member, own in zip(solid.members, parts, strict=True):
+        skin = joined([_closed_boundary(part, lattice, part_at) for part in own])
+        skins.append(replace(skin, mesh=_oriented(skin.mesh, member, _boundary_source(member), lattice)))
+    return joined(skins)
 
 
-def _joined(parts: Sequence[Skin]) -> Skin:
+def joined(parts: Sequence[Skin]) -> Skin:
     """Return several skins as one; if some are curved, flat ones get the midpoints of their straight edges."""
     geometry: CellGeometry = next((part.geometry for part in parts if part.geometry != "flat"), "flat")
     starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts[:-1]])
@@ -103,7 +167,13 @@ def _joined(parts: Sequence[Skin]) -> Skin:
     midpoints = None
     if any(part.mesh.midpoints is not None for part in parts):
         midpoints = np.concatenate([_midpoints(part.mesh) for part in parts])
-    return Skin(Mesh.of(vertices, cells, midpoints), geometry, sum((part.warnings for part in parts), ()))
+    owner, left, beyond = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("owner", "left", "beyond_tip")
+    )
+    starts = np.cumsum([0] + [len(part.twin) for part in parts[:-1]])
+    twin = np.concatenate([part.twin + (part.twin >= 0) * k for part, k in zip(parts, starts, strict=True)])
+    warnings: tuple[str, ...] = sum((part.warnings for part in parts), ())
+    return Skin(Mesh.of(vertices, cells, midpoints), geometry, warnings, owner, left, beyond, twin)
 
 
 def _midpoints(mesh: Mesh) -> Floats:
@@ -117,38 +187,14 @@ def _straight_midpoints(mesh: Mesh) -> Floats:
     return np.asarray(0.5 * (corners.sum(axis=1, keepdims=True) - (corners if mesh.manifold_dim == 2 else 0.0)))
 
 
-def _skin_of_member(solid: LocalSource, lattice: Lattice, part_at: PartAt | None) -> Skin:
-    """Return the skin of a ``solid`` that is no union; ``part_at`` as in :func:`skin_of`."""
-    boundary = _boundary_source(solid)
-    # Each part is meshed by its own closest points: those of a thin shell may lie on its other side.
-    parts = (None,) if boundary is None else boundary.members
-    skin = _joined([_closed_boundary(solid, part, lattice, part_at) for part in parts])
-    return replace(skin, mesh=_oriented(skin.mesh, solid, boundary, lattice))
-
-
-def _closed_boundary(
-    solid: LocalSource, boundary: LocalSource | None, lattice: Lattice, part_at: PartAt | None
-) -> Skin:
-    """Return a closed part of the ``boundary`` of a ``solid``, not yet oriented; of its own mesh if that is None.
-
-    Cells of a skin with parts, see :func:`skin_of`, are no longer than those of curved ones.
-    """
-    spacing, longest = lattice.spacing, LONGEST_EDGES[solid.dim]
-    geometry: CellGeometry = "flat"
-    warnings: tuple[str, ...] = ()
-    if boundary is None:
-        mesh = _own_boundary(solid, spacing)
-    else:
-        boundary, mesh, geometry, warnings = mesh_of_manifold(boundary, spacing, longest)
-    if geometry != "flat" or mesh.manifold_dim == 1 or part_at is not None:
-        mesh = subdivide(mesh, longest * spacing)
-    _check_closed(mesh, lattice)
-    if part_at is not None:
-        mesh = split_at_parts(mesh, np.arange(len(mesh.edges.ends)), part_at, geometry, boundary or solid)
-    mesh = curve_cells(mesh, geometry, boundary or solid, (), spacing)
-    if geometry == "closest_point":
-        _check_resolved(mesh, boundary or solid, lattice)
-    return Skin(mesh, geometry, warnings)
+def _closed_boundary(part: FlatPart, lattice: Lattice, part_at: PartAt | None) -> Skin:
+    """Return a closed ``part`` of the boundary of a solid, not yet oriented."""
+    _check_closed(part.mesh, lattice)
+    mesh = part.curved(lattice, part_at)
+    if part.geometry == "closest_point":
+        _check_resolved(mesh, part.source, lattice)
+    no, none = np.zeros(len(mesh.cells), dtype=bool), np.full(len(mesh.cells), -1)
+    return Skin(mesh, part.geometry, part.warnings, none, no, no, none)
 
 
 def _boundary_source(solid: LocalSource) -> LocalSource | None:
@@ -184,7 +230,7 @@ def _own_boundary(solid: LocalSource, spacing: float) -> Mesh:
         used, ends = np.unique(mesh.cells, return_inverse=True)
         mesh = Mesh.of(mesh.vertices[used], ends.reshape(-1, 2))
     middles = mesh.vertices[mesh.cells].mean(axis=1)
-    step = PROBE_SHARE * spacing * _normals(mesh)
+    step = PROBE_SHARE * spacing * normals_of(mesh)
     outside = np.max([solid.closest_point(middles + sign * step).distance for sign in (1.0, -1.0)], axis=0)
     if not len(outside) or np.abs(outside - PROBE_SHARE * spacing).max() > 1e-6 * spacing:
         raise SceneError(
@@ -210,9 +256,9 @@ def _check_closed(mesh: Mesh, lattice: Lattice) -> None:
 def _check_resolved(mesh: Mesh, boundary: LocalSource, lattice: Lattice) -> None:
     """Raise ResolutionError if curved cells lie so far from the ``boundary`` that what they enclose is not known."""
     corners = mesh.vertices[mesh.cells]
-    (count, part), middles = cell_components(mesh), _middles(mesh)
+    (count, part), middles = cell_components(mesh), middles_of(mesh)
     inside = mesh.winding * np.linalg.det(corners - corners.mean(axis=(0, 1))) / (2 if mesh.dim == 2 else 6)
-    sizes = norms(_areas(mesh)) * boundary.closest_point(middles).distance
+    sizes = norms(areas_of(mesh)) * boundary.closest_point(middles).distance
     off, volume = np.bincount(part, sizes, count), np.abs(np.bincount(part, inside, count))
     share = np.divide(off, volume, out=np.zeros(count), where=off > 0)
     if share.max() > LARGEST_DOUBT:
@@ -230,7 +276,7 @@ def cell_components(mesh: Mesh) -> tuple[int, Ints]:
     return count, label[mesh.cells[:, 0]]
 
 
-def _areas(mesh: Mesh) -> Floats:
+def areas_of(mesh: Mesh) -> Floats:
     """Return normals (m, d) of flat cells, as long as the cells are large: to the right of segments."""
     corners = mesh.vertices[mesh.cells]
     along = corners[:, 1] - corners[:, 0]
@@ -239,12 +285,12 @@ def _areas(mesh: Mesh) -> Floats:
     return 0.5 * np.cross(along, corners[:, 2] - corners[:, 0])
 
 
-def _normals(mesh: Mesh) -> Floats:
+def normals_of(mesh: Mesh) -> Floats:
     """Return a unit normal (m, d) of each flat cell: to the right of segments."""
-    return unit(_areas(mesh))
+    return unit(areas_of(mesh))
 
 
-def _middles(mesh: Mesh) -> Floats:
+def middles_of(mesh: Mesh) -> Floats:
     """Return the centres (m, d) of flat or quadratic cells."""
     mean: Floats = mesh.vertices[mesh.cells].mean(axis=1)
     if mesh.midpoints is None:
@@ -264,9 +310,9 @@ def _oriented(mesh: Mesh, solid: LocalSource, boundary: LocalSource | None, latt
     order = np.argsort(part, kind="stable")
     rank[order] = np.arange(len(part)) - np.repeat(np.cumsum(members) - members, members)
     chosen = np.flatnonzero(rank % -(-members // PROBES)[part] == 0)
-    out = _normals(mesh)[chosen] * mesh.winding[chosen, None]
+    out = normals_of(mesh)[chosen] * mesh.winding[chosen, None]
     step = PROBE_SHARE * mesh.lengths_of_cells[chosen].max(axis=1)[:, None] * out
-    at = _middles(mesh)[chosen]
+    at = middles_of(mesh)[chosen]
     at = at if boundary is None else boundary.closest_point(at).points
     inside = [solid.closest_point(np.ascontiguousarray(x)).edge < 0 for x in (at - step, at + step)]
     votes = np.bincount(part[chosen], inside[0].astype(float) - inside[1], count)
@@ -278,6 +324,11 @@ def _oriented(mesh: Mesh, solid: LocalSource, boundary: LocalSource | None, latt
             "outside cannot be distinguished; move the parts apart, or leave one of them out."
         )
     turned = np.flatnonzero(np.sign(votes)[part] * mesh.winding < 0)
+    return with_turned(mesh, turned)
+
+
+def with_turned(mesh: Mesh, turned: Ints) -> Mesh:
+    """Return the mesh with its cells ``turned`` (k,) in the opposite sense."""
     cells, midpoints = mesh.cells.copy(), mesh.midpoints
     cells[turned] = _swap(cells, turned)
     if midpoints is not None and mesh.manifold_dim == 2:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,7 +11,13 @@ import numpy as np
 
 from cpmkit.forms.field import Field
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
-from cpmkit.forms.galerkin.patch_locator import HEIGHT_FACTOR, NEIGHBOURS
+from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS
+from cpmkit.forms.galerkin.patch_locator import (
+    HEIGHT_FACTOR,
+    NEIGHBOURS,
+    ON_BOUNDARY_SPACINGS,
+    READ_FROM_SIDE_SPACINGS,
+)
 from cpmkit.forms.galerkin.solids.solid_sampling import SampledSolid
 from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.source import ClosestPoints
@@ -23,6 +29,10 @@ from cpmkit.types import Floats, Ints, Side
 
 #: Points on the skin are moved inside by this distance, in spacings, to find their patch.
 PROBE_SPACINGS = 1e-6
+#: Points nearer to a boundary inside than this, in spacings, are moved so far from it to find their patch.
+ASIDE_SPACINGS = 0.05
+#: Data that may jump at a boundary inside are evaluated so far from it, in spacings.
+INSIDE_SPACINGS = 0.01
 #: Polynomials are fitted on so many patches at a time, to bound the memory of the fits.
 FITTED_PATCHES = 1000
 
@@ -34,10 +44,13 @@ class SolidLocator:
     sampled: SampledSolid
 
     def patches(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
-        """Return the patches (k,) that evaluate u at ``feet`` (k,), and zeros (k,); a solid has no sides."""
-        del side_of
+        """Return the patches (k,) that evaluate u at ``feet`` (k,), and zeros (k,).
+
+        Points on boundary b are evaluated on ``side_of[b]``, by default left.
+        """
         points, spacing, patches = feet.points, self.sampled.lattice.spacing, self.sampled.patches
-        patch = patches.patches_at(np.floor(points / spacing + 0.5).astype(np.int64), points / spacing)
+        aside = self._moved_aside(points, side_of)
+        patch = patches.patches_at(np.floor(points / spacing + 0.5).astype(np.int64), aside / spacing)
         missing = np.flatnonzero(patch < 0)  # on the skin, in a cell that it only touches
         if len(missing):
             boundary = self.sampled.boundary
@@ -47,6 +60,41 @@ class SolidLocator:
             nearest = np.argmin(distance**2 + (HEIGHT_FACTOR * height) ** 2, axis=1)
             patch[missing] = boundary.cell[rows[np.arange(len(missing)), nearest]]
         return patch, np.zeros(len(patch), dtype=np.int64)
+
+    def _moved_aside(self, points: Floats, side_of: Mapping[int, Side]) -> Floats:
+        """Return ``points`` (k, d), those very near boundaries inside moved away from these, on their own side.
+
+        Flat facets of curved boundaries differ from them by less than that distance.
+        """
+        aside, spacing = points, self.sampled.lattice.spacing
+        for number, near, signed, leftward in self.near_boundaries(points):
+            side = side_of.get(number)
+            within = ON_BOUNDARY_SPACINGS if side is None else READ_FROM_SIDE_SPACINGS
+            signs = np.where(np.abs(signed) < within * spacing, -1.0 if side == "right" else 1.0, np.sign(signed))
+            aside = aside.copy()
+            aside[near] += (ASIDE_SPACINGS * spacing * signs - signed)[:, None] * leftward
+        return aside
+
+    def near_boundaries(self, points: Floats) -> Iterator[tuple[int, Ints, Floats, Floats]]:
+        """Yield each boundary inside that has a left, and which of ``points`` (k, d) are very near it.
+
+        Yielded are its number, the rows (n,) of points, their distances (n,) from it, positive on its left, and unit
+        vectors (n, d) to the left.
+        """
+        lattice = self.sampled.lattice
+        for number, oriented in enumerate(self.sampled.oriented):
+            if oriented.has_left:
+                at = lattice.to_scene(points) - oriented.left.origin
+                near = np.flatnonzero(oriented.source.closest_point(at).distance < ASIDE_SPACINGS * lattice.spacing)
+                feet, on = oriented.feet(at[near])
+                leftward = oriented.leftward(feet, on, DIFFERENCE_SPACINGS * lattice.spacing)
+                yield number, near, np.sum((at[near] - on.points) * leftward, axis=1), leftward
+
+    def signed_distance(self, number: int, points: Floats) -> Floats:
+        """Return the distances (k,) of ``points`` (k, d) from boundary ``number``, positive on its left; else NaN."""
+        oriented, lattice = self.sampled.oriented[number], self.sampled.lattice
+        at = lattice.to_scene(points) - oriented.left.origin
+        return oriented.signed_distance(at, DIFFERENCE_SPACINGS * lattice.spacing)
 
     @cached_property
     def _skin_tree(self) -> Any:
@@ -77,7 +125,7 @@ class SolidCoefficients(SampleCoefficients):
     def inside(self) -> Ints:
         """The samples (k,) inside the solid with positive weights, by which solutions are compared."""
         inside = self.sampled.samples.weights[: self.sampled.interior] > 0
-        inside[self.outside[0]] = False
+        inside[self.outside[0]] = False  # those on boundaries inside too
         return np.flatnonzero(inside)
 
     @cached_property
@@ -95,6 +143,7 @@ class SolidCoefficients(SampleCoefficients):
         feet = sampled.surface.closest_point(points)
         foot = feet.points.copy()
         foreign = self._foreign(own, foot, foot - points) if sampled.has_near_parts else np.zeros(0, dtype=np.int64)
+        foreign = np.union1d(foreign, self._across_boundaries(own, points))
         foot[foreign] = self._nearest_on_skin(own[foreign], points[foreign])
         out = np.union1d(np.flatnonzero(feet.edge >= 0), foreign)
         mirrored = sampled.surface.closest_point(2 * foot[out] - points[out])
@@ -116,6 +165,22 @@ class SolidCoefficients(SampleCoefficients):
         low, high = np.minimum(own, patch), np.maximum(own, patch)
         return np.flatnonzero((low != high) & (find_codes(self._touching, low * len(patches.cells) + high) < 0))
 
+    def _across_boundaries(self, own: Ints, points: Floats) -> Ints:
+        """Return which points (n, d) lie on a boundary inside, or across it from their ``own`` (n,) patch.
+
+        The facets by which patches are separated differ slightly from curved boundaries.
+        """
+        sampled, across = self.sampled, [np.zeros(0, dtype=np.int64)]
+        boundary, sides = sampled.boundary, np.where(sampled.left, 1, -1)
+        for number, near, signed, _ in self.locator.near_boundaries(points):
+            on, side = (boundary.owner == number) & ~boundary.beyond_tip, np.zeros(len(sampled.patches.cells))
+            np.add.at(side, boundary.cell[on], sides[on])
+            near_own = np.sign(side[own[near]])
+            across.append(
+                near[(near_own * signed < READ_FROM_SIDE_SPACINGS * sampled.lattice.spacing) & (near_own != 0)]
+            )
+        return np.concatenate(across)
+
     @cached_property
     def _touching(self) -> Ints:
         """(t,) codes of pairs of patches that touch, ascending."""
@@ -123,10 +188,17 @@ class SolidCoefficients(SampleCoefficients):
         return np.sort(low * len(self.sampled.patches.cells) + high)
 
     def _nearest_on_skin(self, patch: Ints, points: Floats) -> Floats:
-        """Return the nearest sample (n, d) on the skin of each ``patch`` (n,) to ``points`` (n, d)."""
-        boundary = self.sampled.boundary
-        starts = np.searchsorted(boundary.cell, np.arange(self.sampled.patches.cut + 1))
-        return nearest_of_group(points, patch, starts, boundary.points)
+        """Return points (n, d) just inside the sample on the skin of each ``patch`` (n,) nearest to ``points``.
+
+        In a sharp corner such points may lie outside of the patch; they are left out.
+        """
+        boundary, spacing, patches = self.sampled.boundary, self.sampled.lattice.spacing, self.sampled.patches
+        inside = boundary.points - INSIDE_SPACINGS * spacing * boundary.conormals
+        found = patches.patches_at(np.floor(inside / spacing + 0.5).astype(np.int64), inside / spacing)
+        low, high = np.minimum(boundary.cell, found), np.maximum(boundary.cell, found)
+        own = np.flatnonzero((low == high) | (find_codes(self._touching, low * len(patches.cells) + high) >= 0))
+        starts = np.searchsorted(boundary.cell[own], np.arange(patches.cut + 1))
+        return nearest_of_group(points, patch, starts, inside[own])
 
     @property
     def data_points(self) -> Floats:

@@ -2,34 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from cpmkit.errors import SceneError, place
-from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.imposed_conditions import imposed_conditions, part_function
 from cpmkit.forms.galerkin.dof_map import (
     DofMap,
     connected_pieces,
     distinct_pairs,
     dof_map_from_patches,
-    isolated_patches,
 )
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
-from cpmkit.forms.galerkin.solids.skin import Skin, has_reentrant_edges, skin_of
+from cpmkit.forms.galerkin.solids.boundaries_inside import (
+    boundaries_inside,
+    check_sectors,
+    split_where_curves_meet,
+    welded,
+    with_boundaries_inside,
+)
+from cpmkit.forms.galerkin.solids.skin import Skin, flat_parts, has_reentrant_edges, skin_of
+from cpmkit.forms.galerkin.solids.skin_samples import skin_samples
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
-from cpmkit.manifold.local_source import localize
+from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.adjacency import HalfFacets
-from cpmkit.mesh.cell_quadrature import Samples, quadrature
+from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.skin_pieces import skin_pieces
 from cpmkit.mesh.solid_moments import FULL_POINTS, MOMENTS, gauss_points, gauss_weights
 from cpmkit.mesh.solid_pieces import SolidPatches, solid_patches
+from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints
 
@@ -37,10 +45,6 @@ from cpmkit.types import Floats, Ints
 OPEN_FLUX = 1e-7
 #: The share of a face or a cell that is inside the solid differs by at most this from [0, 1] where arcs bulge.
 BULGE_SHARE = 0.05
-#: Flat triangles whose median edge is shorter than this, in spacings, have samples as on surfaces.
-FINE_SPACINGS = 0.25
-#: Coefficients at the skin are compared with those so many spacings inside.
-INSIDE_SPACINGS = 0.25
 #: A solid is thin if more than this share of its volume is thinner than so many spacings. In slabs of .05 and .1
 #: spacings with values on the skin errors are of order 2 until they are tiny, and estimates that expect order 3 were
 #: down to a sixth of the error; at .5 they were right.
@@ -53,6 +57,12 @@ class SampledSolid(SampledScene):
 
     patches: SolidPatches  #: The connected parts of the solid in lattice cells.
     dof_map: DofMap  #: The dof map of the samples.
+
+    @property
+    def ties(self) -> Floats:
+        """(0, d, d): a solid has no creases."""
+        d = self.surface.dim
+        return np.zeros((0, d, d))
 
     @cached_property
     def slow_part_of_solid(self) -> str:
@@ -86,37 +96,58 @@ def sample_solid(scene: Scene, options: Options[GalerkinOptions]) -> SampledSoli
     """
     lattice = lattice_of(scene.surface, options.spacing, options.origin)
     surface = localize(scene.surface, lattice.origin)
-    skin = skin_of(surface, lattice, part_function(scene, lattice))
+    oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
+    skin = _whole_skin(scene, surface, oriented, lattice)
     fine, coarse = skin.facets
-    patches = solid_patches(skin_pieces(fine, lattice.spacing, exact=bool(skin.is_flat.any())))
-    further = None if coarse is None else skin_pieces(coarse, lattice.spacing, exact=bool(skin.is_flat.any()))
+    names, exact = [boundary.name for boundary in scene.boundaries], bool(skin.is_flat.any())
+    pieces = [
+        skin_pieces(mesh, lattice.spacing, exact, check_sectors(skin, mesh, names, lattice) if names else None)
+        for mesh in (fine, coarse)
+        if mesh is not None
+    ]
+    patches, further = solid_patches(pieces[0]), pieces[1] if len(pieces) > 1 else None
     moments, sums = patches.moments(further)
     _check_skin(patches, moments, sums, lattice)
     inside = _inside_samples(patches, moments, lattice.spacing)
-    boundary = _skin_samples(skin, patches, lattice.spacing)
-    conditions = imposed_conditions(scene, boundary, np.zeros(len(boundary), dtype=bool), surface, lattice)
+    boundary, left = skin_samples(skin, patches, lattice.spacing)
+    conditions = imposed_conditions(scene, boundary, left, surface, lattice)
     samples = Samples.join([inside, boundary.as_samples])
     none = np.zeros(0, dtype=np.int64)
+    outer = Mesh.of(fine.vertices, fine.cells[np.arange(len(fine.cells)) % len(skin.owner) < skin.count])
     return SampledSolid(
         lattice=lattice,
         surface=surface,
         sources=(),
-        oriented=(),
-        mesh=replace(fine, midpoints=None),
+        oriented=oriented,
+        mesh=outer,
         points={},
         geometry=skin.geometry,
         warnings=skin.warnings,
-        corners=fine.cells,
+        corners=outer.cells,
         half=HalfFacets(none, none, none, none),
         samples=samples,
         boundary=boundary,
-        left=np.zeros(len(boundary), dtype=bool),
+        left=left,
         conditions=conditions,
-        winding=np.ones(len(fine.cells), dtype=np.int8),
+        winding=np.ones(len(outer.cells), dtype=np.int8),
         singular=(),
         patches=patches,
-        dof_map=_dof_map(patches, boundary, samples.cell, options),
+        dof_map=_dof_map(patches, samples.cell, options),
     )
+
+
+def _whole_skin(scene: Scene, solid: LocalSource, oriented: Sequence[OrientedBoundary], lattice: Lattice) -> Skin:
+    """Return the skin of a scene's ``solid`` with the scene's boundaries inside."""
+    parts, inside = flat_parts(solid, lattice), boundaries_inside(scene, lattice)
+    part_at, names = part_function(scene, lattice), [boundary.name for boundary in scene.boundaries]
+    if not inside:
+        return skin_of(solid, parts, lattice, part_at)
+    if solid.dim == 3:
+        return with_boundaries_inside(skin_of(solid, parts, lattice, part_at), inside, (), oriented, solid, lattice)
+    curves = split_where_curves_meet(parts, inside, names, solid, lattice)
+    skin = skin_of(solid, curves.skin, lattice, part_at)
+    whole = with_boundaries_inside(skin, curves.inside, curves.extensions, oriented, solid, lattice)
+    return replace(whole, mesh=welded(whole.mesh, curves.points))
 
 
 def _check_skin(patches: SolidPatches, moments: Floats, sums: Floats, lattice: Lattice) -> None:
@@ -147,61 +178,10 @@ def _inside_samples(patches: SolidPatches, moments: Floats, spacing: float) -> S
     return Samples(points, spacing**d * weights, normals, np.repeat(np.arange(len(cells)), counts))
 
 
-def _skin_samples(skin: Skin, patches: SolidPatches, spacing: float) -> BoundarySamples:
-    """Return samples on the skin: the quadrature points of its pieces, or fewer on quadratic or small triangles."""
-    pieces, mesh = patches.pieces, skin.mesh
-    is_fine = mesh.midpoints is None and float(np.median(mesh.edge_lengths)) < FINE_SPACINGS * spacing
-    by_pieces = np.full(len(mesh.cells), mesh.dim == 2) | (skin.is_flat & (not is_fine))
-    weights = norms(pieces.areas)
-    # the facets of quadratic triangles are four times the triangles, see Skin.facets
-    kept = (weights > 0) & by_pieces[pieces.facet[pieces.piece] % len(by_pieces)]
-    points, patch = spacing * pieces.points[kept], patches.of_piece[pieces.piece[kept]]
-    normals = pieces.areas[kept] / weights[kept, None]
-    weights = weights[kept] * spacing ** (mesh.dim - 1)
-    if not by_pieces.all():
-        midpoints = None if mesh.midpoints is None else mesh.midpoints[~by_pieces]
-        made = quadrature(Mesh.of(mesh.vertices, mesh.cells[~by_pieces], midpoints), spacing)
-        curved = _patches_on_skin(made.points / spacing, made.normals[:, 0], patches)
-        points, normals = np.concatenate([points, made.points]), np.concatenate([normals, made.normals[:, 0]])
-        weights, patch = np.concatenate([weights, made.weights]), np.concatenate([patch, curved])
-    d, order = points.shape[1], np.argsort(patch, kind="stable")
-    points, weights, normals, patch = points[order], weights[order], normals[order], patch[order]
-    none, count = np.full(len(points), -1), len(points)
-    return BoundarySamples(
-        points,
-        weights,
-        normals,
-        np.zeros((count, 0, d)),
-        patch,
-        points - INSIDE_SPACINGS * spacing * normals,
-        np.arange(count),
-        none,
-        np.zeros(count, dtype=np.int64),
-        none,
-        np.zeros(count, dtype=bool),
-    )
-
-
-def _patches_on_skin(points: Floats, normals: Floats, patches: SolidPatches) -> Ints:
-    """Return the patch (n,) at ``points`` (n, d) of a curved skin, in spacings, or that of the nearest piece."""
-    from scipy.spatial import cKDTree
-
-    inner = points - 1e-3 * normals
-    patch = patches.patches_at(np.floor(inner + 0.5).astype(np.int64), inner)
-    missing = np.flatnonzero(patch < 0)
-    if len(missing):
-        pieces = patches.pieces
-        nearest = cKDTree(pieces.points).query(points[missing])[1]
-        patch[missing] = patches.of_piece[pieces.piece[nearest]]
-    return patch
-
-
-def _dof_map(
-    patches: SolidPatches, boundary: BoundarySamples, patch: Ints, options: Options[GalerkinOptions]
-) -> DofMap:
+def _dof_map(patches: SolidPatches, patch: Ints, options: Options[GalerkinOptions]) -> DofMap:
     """Return the dof map of the patches; ``patch`` (q,) is that of each sample."""
     touching = distinct_pairs(patches.touching(), len(patches.cells))
-    isolated = isolated_patches(boundary.points, boundary.cell, touching, len(patches.cells), options.spacing)
+    isolated = np.zeros(len(patches.cells), dtype=bool)
     return dof_map_from_patches(
         options.spacing, patches.cells, touching, np.ascontiguousarray(patch), isolated, options.own.degree
     )

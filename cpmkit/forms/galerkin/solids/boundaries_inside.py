@@ -1,0 +1,285 @@
+"""Boundaries inside a solid, curves in the plane and surfaces in space, as cells on both of their sides.
+
+In the plane boundaries may end on the skin and cross each other: curves are split where they meet, and what lies
+outside is left out. In space they must lie inside, apart from each other and from the skin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from cpmkit.errors import SceneError, place
+from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS
+from cpmkit.forms.galerkin.solids.skin import (
+    LONGEST_EDGES,
+    FlatPart,
+    Skin,
+    areas_of,
+    cell_components,
+    joined,
+    middles_of,
+    with_turned,
+)
+from cpmkit.forms.galerkin.solids.tip_extensions import EXTENDED_SPACINGS, extended_curve_ends, with_extended_rims
+from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.mesh.adjacency import WELDED_SIZE_SHARE, box_size, repair
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.sectors import sector_facets
+from cpmkit.meshing.meeting_curves import Curve, FlatCurve, meetings_of_curves, split_at
+from cpmkit.scene.oriented import OrientedBoundary
+from cpmkit.scene.scene import Scene
+from cpmkit.types import Bools, Floats, Ints
+
+#: A boundary that ends at less than this distance from the skin or another one, in spacings, without meeting it, is
+#: refused: it is probably meant to meet it.
+NEAR_MISS_SPACINGS = 0.05
+#: A boundary is continued past a tip up to this share of the distance to the next tip.
+TIP_SHARE = 0.45
+
+
+def boundaries_inside(scene: Scene, lattice: Lattice) -> list[FlatPart]:
+    """Return the boundaries of a scene on a solid as flat cells, in their order."""
+    return [FlatPart.of(localize(boundary.source, lattice.origin), lattice) for boundary in scene.boundaries]
+
+
+@dataclass(frozen=True, eq=False)
+class MeetingCurves:
+    """The skin of a plane solid and the boundaries inside, split where they meet."""
+
+    skin: list[list[FlatPart]]  #: The parts of the skin, of each member of a union.
+    inside: list[FlatPart]  #: The boundaries.
+    extensions: list[Mesh]  #: Segments that continue each boundary past its tips.
+    points: Floats  #: (k, 2): where parts, boundaries and extensions meet.
+
+
+def split_where_curves_meet(
+    skin: Sequence[Sequence[FlatPart]],
+    inside: Sequence[FlatPart],
+    names: Sequence[str],
+    solid: LocalSource,
+    lattice: Lattice,
+) -> MeetingCurves:
+    """Return the parts of the ``skin`` of a plane solid and the boundaries ``inside``, split where they meet.
+
+    Raises SceneError if two of them touch or run along each other, or a boundary almost meets another part.
+    """
+    skin_parts = [part for member in skin for part in member]
+    parts = [replace(part, mesh=repair(part.mesh)[0]) for part in (*skin_parts, *inside)]
+    curves: list[Curve] = [
+        (FlatCurve(part.mesh) if part.boundary is None else part.boundary, part.mesh) for part in parts
+    ]
+    length, count = LONGEST_EDGES[2] * lattice.spacing, len(skin_parts)
+    labels = ["the boundary of the solid"] * count + [f"boundary {name!r}" for name in names]
+    meetings = [part.mesh.vertices[:0] for part in parts]
+    for i, j in combinations(range(len(parts)), 2):
+        if j < count:
+            continue
+        found = meetings_of_curves([curves[i], curves[j]], length)
+        if found is None:
+            raise SceneError(f"{labels[j]} touches {labels[i]}, or runs along it; let it cross, or keep away from it.")
+        meetings[i], meetings[j] = np.concatenate([meetings[i], found[0]]), np.concatenate([meetings[j], found[1]])
+    tips = [_tips(part.mesh, points, solid) for part, points in zip(parts[count:], meetings[count:], strict=True)]
+    all_tips = np.concatenate([part.mesh.vertices[own] for part, own in zip(parts[count:], tips, strict=True)])
+    extensions = []
+    for number, own in enumerate(tips, count):
+        made = extended_curve_ends(parts[number].mesh, own, EXTENDED_SPACINGS * lattice.spacing)
+        for tip in range(len(own)):
+            at, ahead = made.vertices[2 * tip : 2 * tip + 2]
+            others = norms(all_tips - at)
+            reach = TIP_SHARE * others[others > 0].min(initial=np.inf)
+            ahead = at + min(1.0, reach / float(norms(ahead - at))) * (ahead - at)
+            for other, curve in enumerate(curves):
+                gap = float(curve[0].closest_point(at[None]).distance[0])
+                if other != number and gap < NEAR_MISS_SPACINGS * lattice.spacing:
+                    raise SceneError(
+                        f"{labels[number]} ends {gap:.2g} from {labels[other]} near {place(lattice.to_scene(at))}, "
+                        f"nearer than {NEAR_MISS_SPACINGS:g} spacings; let it meet it, or end it farther away."
+                    )
+                ahead, where = _first_meeting(at, ahead, curve, length)
+                meetings[other] = np.concatenate([meetings[other], where])
+            made.vertices[2 * tip + 1] = ahead
+        extensions.append(made)
+    split = [
+        replace(part, mesh=repair(split_at(curve, part.mesh, points))[0]) if len(points) else part
+        for part, (curve, _), points in zip(parts, curves, meetings, strict=True)
+    ]
+    starts = np.cumsum([0] + [len(member) for member in skin])
+    members = [split[start:end] for start, end in pairwise(starts)]
+    return MeetingCurves(members, split[count:], extensions, np.concatenate([*meetings, all_tips]))
+
+
+def _tips(mesh: Mesh, meetings: Floats, solid: LocalSource) -> Ints:
+    """Return the vertices (k,) at which a curve ends inside the ``solid``, and not at its ``meetings`` (n, 2)."""
+    ends = np.flatnonzero(np.bincount(mesh.cells.ravel(), minlength=len(mesh.vertices)) == 1)
+    ends = ends[solid.closest_point(mesh.vertices[ends]).edge < 0]
+    apart = norms(mesh.vertices[ends, None] - meetings).min(axis=1, initial=np.inf)
+    return np.asarray(ends[apart > 2 * WELDED_SIZE_SHARE * box_size(mesh.vertices)])
+
+
+def _first_meeting(start: Floats, end: Floats, curve: Curve, length: float) -> tuple[Floats, Floats]:
+    """Return the ``end`` (d,) of a segment from ``start`` (d,), moved to where it first meets a ``curve``.
+
+    The second result (k, d) is that point, if it exists.
+    """
+    segment = Mesh.of(np.stack([start, end]), np.array([[0, 1]]))
+    found = meetings_of_curves([(FlatCurve(segment), segment), curve], length)
+    points = np.zeros((0, len(start))) if found is None else found[0]
+    distance = norms(points - start)
+    points = points[distance > 1e-3 * norms(end - start)]
+    if not len(points):
+        return end, points
+    first = points[np.argmin(norms(points - start))]
+    return first, first[None]
+
+
+def with_boundaries_inside(
+    skin: Skin,
+    inside: Sequence[FlatPart],
+    extensions: Sequence[Mesh],
+    oriented: Sequence[OrientedBoundary],
+    solid: LocalSource,
+    lattice: Lattice,
+) -> Skin:
+    """Return the ``skin`` with two cells at each place of the boundaries ``inside`` and of their ``extensions``.
+
+    Raises SceneError if a boundary leaves no trace inside the solid, or, in space, leaves it or crosses another one.
+    """
+    parts = []
+    for number, (part, boundary) in enumerate(zip(inside, oriented, strict=True)):
+        mesh = _cells_inside(part.curved(lattice), solid, boundary.boundary.name, lattice)
+        beyond = np.zeros(len(mesh.cells), dtype=bool)
+        if solid.dim == 3:
+            mesh, beyond = _with_rims_extended(mesh, inside, number, solid, lattice)
+        plus = _left_of_normals(mesh, boundary, lattice)
+        parts.append(_two_sided(part, mesh, number, plus, beyond))
+        if solid.dim == 2 and len(extensions[number].cells):
+            flat = FlatPart(part.source, extensions[number], "flat", (), None).curved(lattice)
+            plus = _left_of_normals(flat, boundary, lattice)
+            parts.append(_two_sided(part, flat, number, plus, np.ones(len(plus), dtype=bool)))
+    if solid.dim == 3:
+        _check_apart(inside, [boundary.boundary.name for boundary in oriented])
+    return joined([skin, *parts])
+
+
+def _two_sided(part: FlatPart, mesh: Mesh, number: int, plus: Bools, beyond: Bools) -> Skin:
+    """Return the cells of a boundary inside, and then the same with opposite normals.
+
+    ``number`` is that of the boundary, ``plus`` (m,) whether its left is where normals point, ``beyond`` (m,) whether a
+    cell is past a tip.
+    """
+    turned = with_turned(mesh, np.arange(len(mesh.cells)))
+    midpoints = None
+    if mesh.midpoints is not None and turned.midpoints is not None:
+        midpoints = np.concatenate([mesh.midpoints, turned.midpoints])
+    both = Mesh.of(mesh.vertices, np.concatenate([mesh.cells, turned.cells]), midpoints)
+    owner, twin = np.full(len(both.cells), number), np.roll(np.arange(len(both.cells)), len(mesh.cells))
+    left = np.concatenate([~plus, plus])
+    return Skin(both, part.geometry, part.warnings, owner, left, np.tile(beyond, 2), twin)
+
+
+def _with_rims_extended(
+    mesh: Mesh, inside: Sequence[FlatPart], number: int, solid: LocalSource, lattice: Lattice
+) -> tuple[Mesh, Bools]:
+    """Return the triangles of boundary ``number`` with its rims extended, and which (m,) are new.
+
+    The strip is narrower, or left out, where it would leave the ``solid``, or come near a boundary: in a hole.
+    """
+    for spacings in EXTENDED_SPACINGS * np.array([1.0, 2 / 3, 1 / 3]):
+        length = float(spacings * lattice.spacing)
+        wide, beyond = with_extended_rims(mesh, length)
+        ends = wide.vertices[len(mesh.vertices) :]
+        gaps = [part.source.closest_point(ends).distance.min(initial=np.inf) for part in inside]
+        clear = all(gap > (TIP_SHARE if own == number else 1.0) * length for own, gap in enumerate(gaps))
+        if clear and (solid.closest_point(ends).edge < 0).all():
+            return wide, beyond
+    return mesh, np.zeros(len(mesh.cells), dtype=bool)
+
+
+def _cells_inside(mesh: Mesh, solid: LocalSource, name: str, lattice: Lattice) -> Mesh:
+    """Return the cells of the boundary called ``name`` in the ``solid``.
+
+    Raises SceneError if it has none there, or reaches the skin in space.
+    """
+    within = solid.closest_point(middles_of(mesh)).edge < 0
+    if not within.any():
+        raise SceneError(f"boundary {name!r} lies outside the solid and would act on nothing; look where it lies.")
+    if mesh.dim == 3:
+        feet = solid.closest_point(mesh.vertices)
+        outside = np.flatnonzero(feet.edge >= 0)
+        if len(outside):
+            at = place(lattice.to_scene(mesh.vertices[outside[0]]))
+            raise SceneError(
+                f"boundary {name!r} reaches the boundary of the solid near {at}, which the form 'galerkin' does not "
+                "yet take in space; end it inside, or use form='collocation'."
+            )
+        return mesh
+    used, cells = np.unique(mesh.cells[within], return_inverse=True)
+    return Mesh.of(
+        mesh.vertices[used],
+        cells.reshape(-1, mesh.cells.shape[1]),
+        None if mesh.midpoints is None else mesh.midpoints[within],
+    )
+
+
+def _left_of_normals(mesh: Mesh, boundary: OrientedBoundary, lattice: Lattice) -> Bools:
+    """Return (m,) whether the left of a ``boundary`` is where the normals of its cells point.
+
+    It is the same all over a part of the boundary whose cells can be oriented alike.
+    """
+    areas, middles = areas_of(mesh), middles_of(mesh)
+    feet, on = boundary.feet(lattice.to_scene(middles) - boundary.left.origin)
+    leftward = boundary.leftward(feet, on, DIFFERENCE_SPACINGS * lattice.spacing)
+    votes, winding = dots(areas, leftward), mesh.winding
+    count, part = cell_components(mesh)
+    sums = np.bincount(part, votes * winding, count)
+    return np.where(winding == 0, votes, sums[part] * winding) > 0
+
+
+def _check_apart(inside: Sequence[FlatPart], names: Sequence[str]) -> None:
+    """Raise SceneError if two surfaces meet: an edge of one leads from one side of the other to the other side."""
+    for (first, name), (second, other) in combinations(zip(inside, names, strict=True), 2):
+        for a, b in ((first, second), (second, first)):
+            ends = a.mesh.edges.ends
+            feet = b.source.closest_point(a.mesh.vertices)
+            off = a.mesh.vertices - feet.points
+            across = dots(off[ends[:, 0]], off[ends[:, 1]]) < 0
+            near = norms(off[ends]).max(axis=1) <= a.mesh.edge_lengths
+            if np.any(across & near & (feet.edge[ends] < 0).all(axis=1)):
+                raise SceneError(
+                    f"boundaries {name!r} and {other!r} cross each other inside a solid in space, which the form "
+                    "'galerkin' does not yet take; end one of them there, or use form='collocation'."
+                )
+
+
+def welded(mesh: Mesh, points: Floats) -> Mesh:
+    """Return the mesh with one vertex at each of the ``points`` (k, d), at which cells end."""
+    from scipy.spatial import KDTree
+
+    vertices, number = mesh.vertices.copy(), np.arange(len(mesh.vertices))
+    tolerance = 2 * WELDED_SIZE_SHARE * box_size(vertices)
+    for at, near in zip(points, KDTree(vertices).query_ball_point(points, tolerance), strict=True):
+        if near:  # curves may meet outside of the solid
+            number[near] = number[near].min()
+            vertices[near] = at
+    return Mesh.of(vertices, number[mesh.cells], mesh.midpoints)
+
+
+def check_sectors(skin: Skin, mesh: Mesh, names: Sequence[str], lattice: Lattice) -> Ints:
+    """Return the facets (m, k) of a ``mesh`` of the skin by :func:`sector_facets`.
+
+    Raises SceneError if a boundary goes on outside of the solid.
+    """
+    facets, is_open = sector_facets(mesh)
+    cells = np.flatnonzero(is_open.any(axis=1))
+    if len(cells):
+        owner = skin.owner[cells % len(skin.owner)]
+        label = f"boundary {names[owner.max()]!r}" if owner.max() >= 0 else "the boundary of the solid"
+        at = place(lattice.to_scene(mesh.vertices[mesh.cells[cells[0]]].mean(axis=0)))
+        raise SceneError(f"{label} leaves the solid, or lies upon another one, near {at}; end it there.")
+    return facets

@@ -1,0 +1,56 @@
+"""The sectors around the facets of a closed oriented mesh, some of whose cells lie upon each other.
+
+A boundary inside a solid is covered by two cells of a mesh, with opposite normals. Around a facet, a vertex of segments
+or an edge of triangles, the cells bound sectors of the solid: one where the boundary ends, two in its interior or where
+it ends on the skin, four where two boundaries cross. Two cells are connected if they bound one sector.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.manifold.vector_algebra import dots, unit
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.types import Bools, Floats, Ints
+
+
+def sector_facets(mesh: Mesh) -> tuple[Ints, Bools]:
+    """Return numbers (m, k) of the sectors at the facet opposite to each corner of the cells, and which are not closed.
+
+    ``mesh`` has flat cells: segments with the inside on their left, or triangles counterclockwise from outside. A
+    sector (m, k) is not closed if the cell that follows around its facet has its inside on the other side.
+    """
+    numbers = mesh.connectivity.facet_numbers
+    angles, is_ahead = _angles(mesh)
+    order = np.lexsort([is_ahead.ravel(), angles.ravel(), numbers.ravel()])
+    facet, ahead = numbers.ravel()[order], is_ahead.ravel()[order]
+    counts = np.bincount(facet, minlength=mesh.connectivity.facet_count)
+    rank = np.arange(len(order))
+    first = (np.cumsum(counts) - counts)[facet]
+    following = np.where(rank + 1 < first + counts[facet], rank + 1, first)
+    before = np.empty_like(rank)
+    before[following] = rank
+    sectors, is_open = np.empty_like(order), np.zeros(len(order), dtype=bool)
+    sectors[order] = np.where(ahead, rank, before)
+    is_open[order] = np.where(ahead, ahead[following], ~ahead[before])
+    return sectors.reshape(numbers.shape), is_open.reshape(numbers.shape)
+
+
+def _angles(mesh: Mesh) -> tuple[Floats, Bools]:
+    """Return the angle (m, k) of each cell around the facet opposite to each corner, and whether its inside is ahead.
+
+    Ahead is the sense in which angles grow, which is the same for all cells at a facet.
+    """
+    corners = mesh.vertices[mesh.cells]
+    if mesh.dim == 2:  # the facet opposite to the first corner is the end, from which the left is behind
+        away = corners - corners[:, ::-1]
+        return np.arctan2(away[..., 1], away[..., 0]), np.broadcast_to([False, True], away.shape[:2])
+    tail, head = np.roll(mesh.cells, -1, axis=1), np.roll(mesh.cells, -2, axis=1)
+    is_turned = tail > head
+    start = np.where(is_turned, head, tail)
+    along = unit(mesh.vertices[np.where(is_turned, tail, head)] - mesh.vertices[start])
+    # two axes normal to the edge, the same for all cells at it
+    axis = np.eye(3)[np.abs(along).argmin(axis=-1)]
+    first = unit(np.cross(along, axis))
+    away = corners - mesh.vertices[start]
+    return np.arctan2(dots(away, np.cross(along, first)), dots(away, first)), is_turned
