@@ -132,14 +132,14 @@ def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
     the vertices of the mesh cells after cutting.
     """
     cell = np.ascontiguousarray(cell, dtype=np.int32)
-    root, first, after, holder = join_samples(code, np.ascontiguousarray(corners), cell, int(corners.max()) + 1)
+    root, vertex, holder = join_samples(code, np.ascontiguousarray(corners), cell, int(corners.max()) + 1)
     roots = np.flatnonzero(root == np.arange(len(root)))
     roots = roots[np.argsort(code[roots], kind="stable")]
     numbers = np.empty(len(root), dtype=np.int32)
     numbers[roots] = np.arange(len(roots))
     patch = numbers[root]
     del code, numbers, root  # at a million unknowns each of these arrays has a hundred megabytes: released early
-    return patch, roots, touching_patches(patch, len(roots), first, after, holder)
+    return patch, roots, touching_patches(patch, len(roots), vertex, holder)
 
 
 def dof_map_from_patches(
@@ -199,20 +199,20 @@ def cell_codes(points: Floats, spacing: float) -> Ints:
 
 
 @compiled
-def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[Any, Any, Any, Any]:
+def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[Any, Any, Any]:
     """Join the samples of a lattice cell whose mesh cells share a vertex; return their roots, and slots of vertices.
 
     The arguments are the ``code`` (q,) of the lattice cell and the mesh ``cell`` (q,) of each sample, and the vertices
     ``contacts`` (m, k) of mesh cells, numbered below ``vertices``. Returned are the root (q,) of each sample, the same
-    for joined samples, and ``first`` (vertices,), ``after`` and ``holder``: a vertex has a slot for each lattice cell
-    with samples at it; ``first`` is the first slot of a vertex, ``after`` the next slot of the same vertex (-1 for
-    none), ``holder`` a sample of the slot.
+    for joined samples, and the vertex (s,) and a sample (s,) of each slot: a vertex has a slot for each lattice cell
+    with samples at it.
     """
     q, k = len(code), contacts.shape[1]
     parent, first = np.empty(q, dtype=np.int32), np.empty(vertices, dtype=np.int32)
     parent[:], first[:] = np.arange(q), -1
     after, holder = np.empty(vertices + 1, dtype=np.int32), np.empty(vertices + 1, dtype=np.int32)
-    used = 0
+    vertex = np.empty(vertices + 1, dtype=np.int32)
+    used = 0  # slots; the next slot of the same vertex is ``after``, or -1
     for i in range(q):
         if i > 0 and code[i] == code[i - 1] and cell[i] == cell[i - 1]:
             parent[i] = parent[i - 1]
@@ -226,57 +226,28 @@ def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[
                 unite(parent, holder[slot], i)
                 continue
             if used == len(after):
-                after, holder = with_double_room(after), with_double_room(holder)
-            after[used], holder[used] = first[v], i
+                after, holder, vertex = with_double_room(after), with_double_room(holder), with_double_room(vertex)
+            after[used], holder[used], vertex[used] = first[v], i, v
             first[v] = used
             used += 1
     for i in range(q):
         parent[i] = find_root(parent, i)
-    return parent, first, after, holder
+    return parent, vertex[:used], holder[:used]
 
 
-@compiled
-def touching_patches(patch: Any, patches: int, first: Any, after: Any, holder: Any) -> Any:
+def touching_patches(patch: Any, patches: int, vertex: Any, holder: Any) -> Any:
     """Return the pairs (t, 2) of patches that have mesh cells with a common vertex: ascending, smaller number first.
 
-    A patch is a connected set of samples in a lattice cell. ``first``, ``after`` and ``holder`` are the linked slots of
-    vertices of the cut mesh from :func:`join_samples`; ``patch`` (q,) is each sample's patch, ``patches`` their number.
+    A patch is a connected set of samples in a lattice cell. ``vertex`` and ``holder`` (s,) are those of
+    :func:`join_samples`, ``patch`` (q,) is each sample's patch, ``patches`` their number.
     """
-    head = np.full(patches, -1)
-    other, link = np.empty(patches + 1, dtype=np.int64), np.empty(patches + 1, dtype=np.int64)
-    used = 0
-    for v in range(len(first)):
-        one = first[v]
-        while one >= 0:
-            two = after[one]
-            while two >= 0:
-                a, b = patch[holder[one]], patch[holder[two]]
-                a, b = min(a, b), max(a, b)
-                pair = head[a]
-                while pair >= 0 and other[pair] != b:
-                    pair = link[pair]
-                if pair < 0:
-                    if used == len(other):
-                        other, link = with_double_room(other), with_double_room(link)
-                    other[used], link[used] = b, head[a]
-                    head[a] = used
-                    used += 1
-                two = after[two]
-            one = after[one]
-    pairs = np.empty((used, 2), dtype=np.int32)
-    at = 0
-    for a in range(patches):
-        pair = head[a]
-        begin = at
-        while pair >= 0:
-            b, place = other[pair], at
-            while place > begin and pairs[place - 1, 1] > b:  # insertion sort: there are about a dozen
-                pairs[place, 1] = pairs[place - 1, 1]
-                place -= 1
-            pairs[at, 0], pairs[place, 1] = a, b
-            at += 1
-            pair = link[pair]
-    return pairs
+    from scipy.sparse import csr_array, triu
+
+    places = vertex, patch[holder]
+    at_vertices = csr_array((np.ones(len(vertex), dtype=bool), places), shape=(int(vertex.max()) + 1, patches))
+    pairs = triu(at_vertices.T @ at_vertices, 1, format="csr")
+    pairs.sort_indices()
+    return np.stack(pairs.nonzero(), axis=1).astype(np.int32)
 
 
 def piece_extents(points: Floats, patch: Any, label: Ints, pieces: int) -> Floats:

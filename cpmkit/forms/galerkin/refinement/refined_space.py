@@ -34,7 +34,7 @@ from cpmkit.forms.galerkin.dof_map import DofMap, build_patches, distinct_pairs,
 from cpmkit.forms.galerkin.options import Stabilisation
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, shift_of
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
-from cpmkit.forms.galerkin.space.levels import two_scale_rows, two_scale_shares
+from cpmkit.forms.galerkin.space.levels import prolongation_between
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.grid.lattice import find_codes
@@ -103,11 +103,7 @@ def _finer_level(
     spacing, isolated = coarse.dof_map.spacing / 2, np.zeros(len(first), dtype=bool)
     dof_map = dof_map_from_patches(spacing, cells, touching, patch, isolated)
     inside = coarse.subdivided[parent]
-    fine = cells, dof_map.unknowns, dof_map.size
-    coarser = coarse.dof_map.cells, coarse.dof_map.unknowns, two_scale_shares(dof_map.degree)
-    starts, columns, weights = two_scale_rows(*fine, parent.astype(np.int64), *coarser)
-    shape = dof_map.size, coarse.dof_map.size
-    prolongation = csr_array((weights.astype(np.float64), columns, starts), shape=shape)
+    prolongation = prolongation_between(dof_map, coarse.dof_map, parent).astype(np.float64)
     return LevelSplines(dof_map, rows, inside, _is_subdivided(cells, inside, regions, number), prolongation)
 
 

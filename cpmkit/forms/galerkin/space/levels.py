@@ -11,87 +11,42 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import comb
-from typing import Any
 
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap, distinct_pairs, dof_map_from_patches, piece_extents
 from cpmkit.linear.multigrid.solver import Level
-from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Floats, Ints, SparseMatrix
 
 
-@compiled
-def two_scale_rows(
-    cells: Ints, unknowns: Ints, n: int, parent: Ints, coarse_cells: Ints, coarse_unknowns: Ints, shares: Floats
-) -> tuple[Any, Any, Any]:
-    """Return the row pointers (n + 1,), ascending columns (z,) and weights (z,) of the prolongation P (n, m), in CSR.
+def prolongation_between(fine: DofMap, coarse: DofMap, parent: Ints) -> SparseMatrix:
+    """Return the prolongation P (n, m) from the splines of ``coarse``, of twice the spacing, to those of ``fine``.
 
-    ``cells``, ``unknowns`` (p, d), (p, (degree + 1)^d): cells of the finer patches, and the unknowns that they read.
-    ``n``: number of finer unknowns.
-    ``parent`` (p,): the coarser patch that contains each finer patch.
-    ``coarse_cells``, ``coarse_unknowns``: lattice cells of the coarser patches, and the unknowns that they read.
-    ``shares`` (degree + 2,): coefficients of a coarser spline as a sum of finer splines, along an axis.
+    Patch i of ``fine`` lies in the patch ``parent[i]`` of ``coarse``. Weights are float32: multiples of 2^(-degree d).
     """
-    p, d = cells.shape
-    width, along = unknowns.shape[1], len(shares) - 1
-    before = (along - 1) // 2
-    reader = np.full(n, -1)
-    for a in range(p):
-        for place in range(width):
-            if reader[unknowns[a, place]] < 0:
-                reader[unknowns[a, place]] = a * width + place
-    most = (along + 2) // 2  # coarser splines, along an axis, in whose sums a finer spline occurs
-    pointers = np.zeros(n + 1, dtype=np.int32)
-    columns = np.empty(n * most**d, dtype=np.int32)
-    weights = np.empty(n * most**d, dtype=np.float32)  # of multiples of 2^(-degree d), exactly
-    own, at = np.empty((d, most)), np.empty((d, most), dtype=np.int64)
-    counts = np.empty(d, dtype=np.int64)
-    used = 0
-    for i in range(n):
-        a = reader[i] // width
-        b, rest = parent[a], reader[i] % width
-        stride, ways = 1, 1
-        for axis in range(d - 1, -1, -1):
-            node, first = cells[a, axis] + rest % along - before, coarse_cells[b, axis] - before
-            counts[axis] = 0
-            for place in range(along):
-                k = node - 2 * (first + place) + along - 1 - before
-                if 0 <= k < len(shares):
-                    own[axis, counts[axis]], at[axis, counts[axis]] = shares[k], place * stride
-                    counts[axis] += 1
-            ways *= counts[axis]
-            rest //= along
-            stride *= along
-        begin = used
-        for choice in range(ways):
-            weight, place, left = 1.0, 0, choice
-            for axis in range(d):
-                weight *= own[axis, left % counts[axis]]
-                place += at[axis, left % counts[axis]]
-                left //= counts[axis]
-            used = _add_to_row(columns, weights, begin, used, coarse_unknowns[b, place], weight)
-        pointers[i + 1] = used
-    return pointers, columns[:used].copy(), weights[:used].copy()
+    from scipy.sparse import csr_array
 
-
-@compiled
-def _add_to_row(columns: Any, weights: Any, begin: int, used: int, column: int, weight: float) -> int:
-    """Add ``weight`` in ``column`` to the last row of a CSR matrix, from ``begin`` to ``used``; return its new end.
-
-    Columns stay ascending; weights in the same column are summed.
-    """
-    at = begin
-    while at < used and columns[at] < column:
-        at += 1
-    if at < used and columns[at] == column:  # on an isolated piece, all nodes of which have the same unknown
-        weights[at] += weight
-        return used
-    for k in range(used, at, -1):
-        columns[k], weights[k] = columns[k - 1], weights[k - 1]
-    columns[at], weights[at] = column, weight
-    return used + 1
+    along = fine.width
+    shares = np.append(two_scale_shares(fine.degree), 0.0).astype(np.float32)
+    reader = np.empty(fine.size, dtype=np.int64)  # any patch that reads an unknown, and the unknown's place there
+    reader[fine.unknowns.ravel()] = np.arange(fine.unknowns.size)
+    patch, place = np.divmod(reader, fine.unknowns.shape[1])
+    entries, at = np.ones((fine.size, 1), dtype=np.float32), np.zeros((fine.size, 1), dtype=np.int64)
+    for axis, stride in enumerate(fine.strides):
+        node = fine.cells[patch, axis] + place // stride % along
+        last = (node - 2 * coarse.cells[parent[patch], axis] + along - 1)[:, None]
+        places = np.maximum((last - along + 1) // 2, 0) + np.arange((along + 2) // 2)
+        k = last - 2 * places
+        weights = shares[np.where((k >= 0) & (places < along), k, -1)]
+        entries = (entries[:, :, None] * weights[:, None]).reshape(fine.size, -1)
+        at = (at[:, :, None] + stride * places[:, None]).reshape(fine.size, -1)
+    used = entries != 0
+    starts = np.append(0, np.cumsum(used.sum(axis=1))).astype(np.int32)
+    columns = coarse.unknowns[np.repeat(parent[patch], np.diff(starts)), at[used]]
+    matrix = csr_array((entries[used], columns, starts), shape=(fine.size, coarse.size))
+    matrix.sum_duplicates()  # an isolated piece has the same unknown at all nodes
+    return matrix
 
 
 #: A connected piece of the manifold that extends over at most so many cells along every axis has one unknown. Pieces
@@ -106,8 +61,6 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, SparseMatrix]:
     - p on along every axis, with the binomials of p + 1 over 2^p as coefficients: (1, 3, 3, 1)/4 for degree 2. Rows of
     P sum to 1. A coarser patch is a connected component of touching patches in a coarser cell.
     """
-    from scipy.sparse import csr_array
-
     inside = (dof_map.cells[dof_map.touching[:, 0]] >> 1 == dof_map.cells[dof_map.touching[:, 1]] >> 1).all(axis=1)
     count, label = connected_components(len(dof_map.cells), dof_map.touching[inside])
     cells = np.empty((count, dof_map.dim), dtype=np.int64)
@@ -118,9 +71,7 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, SparseMatrix]:
     isolated = (extents.max(axis=1) < ISOLATED_CELLS)[piece]
     patch = label[dof_map.patch]
     coarse = dof_map_from_patches(2 * dof_map.spacing, cells, touching, patch, isolated, dof_map.degree)
-    fine = dof_map.cells, dof_map.unknowns, dof_map.size
-    indptr, indices, weights = two_scale_rows(*fine, label, cells, coarse.unknowns, two_scale_shares(dof_map.degree))
-    return coarse, csr_array((weights, indices, indptr), shape=(dof_map.size, coarse.size))
+    return coarse, prolongation_between(dof_map, coarse, label)
 
 
 def two_scale_shares(degree: int) -> Floats:

@@ -16,69 +16,6 @@ from cpmkit.types import Floats, Ints
 
 
 @compiled
-def next_neighbours(unknowns: Ints, n: int, stride: int, along: int) -> tuple[Ints, Ints]:
-    """Return ``starts`` (n + 1,) and ``after`` (k,): the next neighbours of each unknown along an axis.
-
-    Those of unknown i are ``after[starts[i] : starts[i + 1]]``: the unknowns ``stride`` places behind i in a row of
-    ``unknowns`` (p, w), on the same line along the axis. A patch reads ``along`` unknowns on each line.
-    """
-    head = np.full(n, -1)
-    other, link = np.empty(n + 1, dtype=np.int64), np.empty(n + 1, dtype=np.int64)
-    used = 0
-    before = np.array([place for place in range(unknowns.shape[1]) if place // stride % along < along - 1])
-    for p in range(len(unknowns)):
-        for place in before:
-            i, j = unknowns[p, place], unknowns[p, place + stride]
-            if i == j:  # an isolated piece of the manifold, with one unknown
-                continue
-            at = head[i]
-            while at >= 0 and other[at] != j:
-                at = link[at]
-            if at < 0:
-                if used == len(other):
-                    other, link = with_double_room(other), with_double_room(link)
-                other[used], link[used] = j, head[i]
-                head[i] = used
-                used += 1
-    starts, after = np.empty(n + 1, dtype=np.int64), np.empty(used, dtype=np.int64)
-    count = 0
-    for i in range(n):
-        starts[i] = count
-        at = head[i]
-        while at >= 0:
-            after[count] = other[at]
-            count += 1
-            at = link[at]
-    starts[n] = count
-    return starts, after
-
-
-@compiled
-def runs_of(starts: Ints, after: Ints, length: int) -> Any:
-    """Return all runs (r, length): sequences of unknowns each of which is a next neighbour of the one before.
-
-    ``starts`` and ``after`` are the table of next neighbours along an axis from :func:`next_neighbours`.
-    """
-    n = len(starts) - 1
-    runs = np.arange(n).astype(np.int32).reshape(n, 1)
-    for size in range(1, length):
-        count = 0
-        for r in range(len(runs)):
-            last = runs[r, size - 1]
-            count += starts[last + 1] - starts[last]
-        longer = np.empty((count, size + 1), dtype=np.int32)
-        used = 0
-        for r in range(len(runs)):
-            last = runs[r, size - 1]
-            for at in range(starts[last], starts[last + 1]):
-                longer[used, :size] = runs[r]
-                longer[used, size] = after[at]
-                used += 1
-        runs = longer
-    return runs
-
-
-@compiled
 def sparsity_pattern(
     unknowns: Ints, starts: Ints, places: Ints, runs: Ints, run_starts: Ints, run_places: Ints, indptr: Any
 ) -> Any:

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap, connected_pieces, lines_through
-from cpmkit.forms.galerkin.space.pattern_kernels import next_neighbours, runs_of, sparsity_pattern
+from cpmkit.forms.galerkin.space.pattern_kernels import sparsity_pattern
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.mesh.cell_quadrature import Samples
+from cpmkit.mesh.subdivision import expand_counts
 from cpmkit.runtime.index_sets import inverse_index
 from cpmkit.types import Floats, Ints, SparseMatrix
 
@@ -173,9 +174,7 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples, cut
     starts, places = inverse_index(dof_map.unknowns.ravel(), n)
     weight = np.bincount(dof_map.patch, samples.weights, minlength=patches)
     heaviest = _heaviest_places(weight[places // width], starts, places)
-    neighbours = [next_neighbours(dof_map.unknowns, n, stride, dof_map.width) for stride in dof_map.strides]
-    runs_by_axis = [runs_of(*table, dof_map.width + 1) for table in neighbours]
-    del neighbours
+    runs_by_axis = [_runs_along(dof_map, stride) for stride in dof_map.strides]
     runs = np.concatenate(runs_by_axis)
     in_no_run = np.ones(n, dtype=bool)
     in_no_run[runs] = False
@@ -191,6 +190,27 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples, cut
     run_table = inverse_index(runs.ravel(), n)
     indices = sparsity_pattern(dof_map.unknowns, starts, places, runs, *run_table, indptr)
     return SplineSpace(dof_map, samples, heaviest, runs, short_runs, indptr, indices)
+
+
+def _runs_along(dof_map: DofMap, stride: int) -> Any:
+    """Return all runs (r, degree + 2) along the axis of a ``stride``: each unknown is a neighbour of the one before.
+
+    An unknown may have several neighbours in one direction.
+    """
+    from scipy.sparse import csr_array
+
+    n, unknowns = dof_map.size, dof_map.unknowns
+    before = np.flatnonzero(np.arange(unknowns.shape[1]) // stride % dof_map.width < dof_map.degree)
+    low, high = unknowns[:, before].ravel(), unknowns[:, before + stride].ravel()
+    differ = low != high  # an isolated piece of the manifold has one unknown
+    pairs = low[differ], high[differ]
+    following = csr_array((np.ones(len(pairs[0]), dtype=np.int8), pairs), shape=(n, n))
+    runs = np.arange(n, dtype=np.int32)[:, None]
+    for _ in range(dof_map.width):
+        row, place = expand_counts(np.diff(following.indptr)[runs[:, -1]])
+        after = following.indices[following.indptr[runs[row, -1]] + place]
+        runs = np.column_stack([runs[row], after]).astype(np.int32)
+    return runs
 
 
 def _runs_beside(dof_map: DofMap, patches: Ints, runs: Ints) -> Ints:
