@@ -148,50 +148,40 @@ def _without_short_chains(mesh: Mesh, chosen: Bools, fixed: Bools, spacing: floa
 def _without_small_parts(mesh: Mesh, chosen: Bools, bounded: Bools, least: float) -> Bools:
     """Return ``chosen`` edges (e,) without those that bound a part of an area below ``least`` towards its neighbour.
 
-    Parts are connected over edges that are neither chosen nor ``bounded`` (e,), cut in any case. Each small part joins
-    the neighbour with the longest common border, and this repeats until no small part has a neighbour.
+    Parts are connected over edges that are neither chosen nor ``bounded`` (e,), cut in any case. Small parts join
+    neighbours by :func:`join_small_parts`. Up to four cells at an edge are compared in all pairs.
     """
-    edges, cells = mesh.edges.of_cells, mesh.vertices[mesh.cells]
-    a, b = cells[:, 1] - cells[:, 0], cells[:, 2] - cells[:, 0]
+    corners, of_cells = mesh.vertices[mesh.cells], mesh.edges.of_cells
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = 0.5 * np.sqrt(np.maximum(dots(a, a) * dots(b, b) - dots(a, b) ** 2, 0.0))  # in the plane too
-    cell, order = np.argsort(edges, axis=None, kind="stable") // 3, np.sort(edges, axis=None)
-    chosen = chosen.copy()
+    cell, order = np.argsort(of_cells, axis=None, kind="stable") // 3, np.sort(of_cells, axis=None)
+    same = [(row, row + step) for step in (1, 2, 3) for row in [np.flatnonzero(order[step:] == order[:-step])]]
+    rows, others = (np.concatenate(column) for column in zip(*same, strict=True))
+    edge, sides = order[rows], np.stack([cell[rows], cell[others]], axis=1)
+    part = connected_components(len(area), sides[~(chosen | bounded)[edge]])[1]
+    open_edges = ~bounded[edge]
+    joined = join_small_parts(part, area, sides[open_edges], mesh.edge_lengths[edge[open_edges]], least)
+    remaining = chosen.copy()
+    remaining[edge[(part[sides[:, 0]] != part[sides[:, 1]]) & (joined[sides[:, 0]] == joined[sides[:, 1]])]] = False
+    return remaining
+
+
+def join_small_parts(part: Ints, areas: Floats, sides: Ints, lengths: Floats, least: float) -> Ints:
+    """Return ``part`` (m,), that of each cell or -1, with parts of an area below ``least`` joined to neighbours.
+
+    A small part joins that with the longest common border; this repeats until no small part has a neighbour. ``areas``
+    (m,) are those of cells, ``sides`` (e, 2) pairs of cells, all in parts, at edges with ``lengths`` (e,).
+    """
     while True:
-        count, part = _parts(len(area), cell, order, chosen | bounded)
-        small = np.bincount(part, area, count) < least
-        if not small.any():
-            return chosen
-        edge, own, other = _borders(cell, order, chosen, part)
-        rows = np.flatnonzero(small[own])
-        if not len(rows):
-            return chosen
-        code, place = np.unique(own[rows] * count + other[rows], return_inverse=True)
-        border = np.bincount(place, mesh.edge_lengths[edge[rows]])
-        best = np.lexsort((-border, code // count))
-        best = best[np.unique(code[best] // count, return_index=True)[1]]
-        joined = np.zeros(len(code), dtype=bool)
-        joined[best] = True
-        chosen[edge[rows[joined[place]]]] = False
-
-
-def _parts(count: int, cell: Ints, edge: Ints, chosen: Bools) -> tuple[int, Ints]:
-    """Return the number of parts, and the part (m,) of each of ``count`` cells, connected over edges not ``chosen``.
-
-    ``cell``, ``edge`` (3 m,) list the cells by ascending edge.
-    """
-    same = np.flatnonzero((edge[1:] == edge[:-1]) & ~chosen[edge[1:]])
-    return connected_components(count, np.stack([cell[same], cell[same + 1]], axis=1))
-
-
-def _borders(cell: Ints, edge: Ints, chosen: Bools, part: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return pairs of different parts at ``chosen`` edges, in both orders: the edge, the part, and the other part.
-
-    ``cell``, ``edge`` (3 m,) list the cells by ascending edge; up to four cells at an edge are compared in all pairs.
-    """
-    found = []
-    for step in (1, 2, 3):
-        same = np.flatnonzero((edge[step:] == edge[:-step]) & chosen[edge[step:]])
-        own, other = part[cell[same]], part[cell[same + step]]
-        differ = own != other
-        found += [(edge[same][differ], own[differ], other[differ]), (edge[same][differ], other[differ], own[differ])]
-    return tuple(np.concatenate(column) for column in zip(*found, strict=True))  # type: ignore[return-value]
+        count, rows = int(part.max(initial=-1)) + 1, part >= 0
+        small = np.bincount(part[rows], areas[rows], count) < least
+        pairs, both = part[sides], np.concatenate([lengths, lengths])
+        own, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+        border = np.flatnonzero(small[own] & (own != other))
+        if not len(border):
+            return part
+        code, place = np.unique(own[border] * count + other[border], return_inverse=True)
+        order = np.lexsort((-np.bincount(place, both[border]), code // count))
+        best = code[order[np.unique(code[order] // count, return_index=True)[1]]]
+        joined = connected_components(count, np.stack([best // count, best % count], axis=1))[1]
+        part = np.where(rows, joined[part], -1)

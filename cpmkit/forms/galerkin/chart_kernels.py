@@ -144,24 +144,6 @@ def _distance(places: Floats, p: int, q: int) -> float:
 
 
 @compiled
-def mark_common_unknowns(unknowns: Any, pairs: Ints, count: int) -> Bools:
-    """Return whether each of ``count`` unknowns is read by both patches of one of ``pairs`` (k, 2).
-
-    ``unknowns`` (p, w) are those that each patch reads.
-    """
-    marked = np.zeros(count, dtype=np.bool_)
-    reader = np.full(count, -1)
-    for k in range(len(pairs)):
-        if k == 0 or pairs[k, 0] != pairs[k - 1, 0] or pairs[k, 1] != pairs[k - 1, 1]:
-            for unknown in unknowns[pairs[k, 0]]:
-                reader[unknown] = k
-            for unknown in unknowns[pairs[k, 1]]:
-                if reader[unknown] == k:
-                    marked[unknown] = True
-    return marked
-
-
-@compiled
 def flood_charts(
     seeds: Ints,
     centres: Floats,

@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.chart_kernels import facing_groups, flood_charts, mark_common_unknowns, path_lengths
+from cpmkit.forms.galerkin.chart_kernels import facing_groups, flood_charts, path_lengths
 from cpmkit.forms.galerkin.dof_map import DofMap, build_dof_map, build_patches, cell_codes
 from cpmkit.forms.galerkin.rim_corners import reentrant_corners
+from cpmkit.linear.operators import matrix_of_rows
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.adjacency import facets_of_two_cells, rim_of_edges
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.runtime.index_sets import connected_components, inverse_index
+from cpmkit.meshing.creases import join_small_parts
+from cpmkit.runtime.index_sets import inverse_index
 from cpmkit.types import Bools, Floats, Ints
 
 #: Cells are grouped by lattice cells of this share of the spacing: what is smaller needs no charts of its own.
@@ -51,7 +53,7 @@ LARGEST_SECTOR_DEGREE = 2
 
 @dataclass(frozen=True, eq=False)
 class CellGroups:
-    """Connected cells of a mesh in small cubes, and which of them touch."""
+    """Connected cells of a mesh in cubes of `GROUP_SHARE` spacings, and which of them touch."""
 
     of_cell: Ints  #: (m,): the group of each cell of the mesh.
     patch: Ints  #: (g,): the patch that contains each group.
@@ -101,11 +103,17 @@ def _charts(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tuple[Int
     has_folds, rims = _reads_folded_unknown(dof_map, vectors), RimEdges.of(mesh)
     if not (has_folds.any() or len(rims.cell)):
         return none
-    groups = group_cells(corners, centres, vectors, dof_map)
+    codes = cell_codes(centres, GROUP_SHARE * spacing)
+    of_cell, roots, touching = build_patches(codes, corners, np.arange(len(corners)))
+    means = _sums(of_cell, centres) / np.bincount(of_cell)[:, None]
+    groups = CellGroups(of_cell, dof_map.patch[roots], means, unit(_sums(of_cell, vectors)), touching)
     pairs, scores, is_fold = near_pairs(groups, rims, dof_map, has_folds, mesh.manifold_dim)
     if not len(pairs):
         return none
-    marked = mark_common_unknowns(dof_map.unknowns, groups.patch[pairs], dof_map.size)
+    patches = np.unique(groups.patch[pairs], axis=0)
+    reads = matrix_of_rows(np.ones(dof_map.unknowns.shape), dof_map.unknowns, dof_map.size)
+    marked = np.zeros(dof_map.size, dtype=bool)  # unknowns that both patches of a pair read
+    marked[reads[patches[:, 0]].multiply(reads[patches[:, 1]]).tocsr().indices] = True
     score = np.zeros(len(groups.centres))
     np.maximum.at(score, pairs, scores[:, None])
     reach = spacing if degree <= LARGEST_SECTOR_DEGREE else 0.0
@@ -123,29 +131,8 @@ def _charts(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tuple[Int
     facets, sides = facets[within], sides[within]
     if mesh.manifold_dim == 2:
         least = LEAST_AREAS[degree] * spacing**2
-        chart = _without_small_charts(chart, norms(vectors), sides, mesh.edge_lengths[facets], least)
+        chart = join_small_parts(chart, norms(vectors), sides, mesh.edge_lengths[facets], least)
     return facets, sides, chart, not is_fold.all()
-
-
-def _without_small_charts(chart: Ints, areas: Floats, sides: Ints, lengths: Floats, least: float) -> Ints:
-    """Return ``chart`` (m,), that of each cell or -1, with charts of an area below ``least`` joined to neighbours.
-
-    A small chart joins that with the longest common border. ``areas`` (m,) are those of cells, ``sides`` (e, 2) the
-    cells at edges with ``lengths`` (e,), all in charts.
-    """
-    while True:
-        count, rows = int(chart.max()) + 1, chart >= 0
-        small = np.bincount(chart[rows], areas[rows], count) < least
-        pairs, both = chart[sides], np.concatenate([lengths, lengths])
-        own, other = np.concatenate([pairs, pairs[:, ::-1]]).T
-        border = np.flatnonzero(small[own] & (own != other))
-        if not len(border):
-            return chart
-        code, place = np.unique(own[border] * count + other[border], return_inverse=True)
-        order = np.lexsort((-np.bincount(place, both[border]), code // count))
-        best = code[order[np.unique(code[order] // count, return_index=True)[1]]]
-        joined = connected_components(count, np.stack([best // count, best % count], axis=1))[1]
-        chart = np.where(rows, joined[chart], -1)
 
 
 def _measure_vectors(mesh: Mesh) -> Floats:
@@ -165,18 +152,6 @@ def _reads_folded_unknown(dof_map: DofMap, vectors: Floats) -> Bools:
     of_unknowns = _sums(dof_map.unknowns.ravel(), sums.repeat(dof_map.unknowns.shape[1], axis=0))
     is_folded = norms(of_unknowns[:, 1:]) < LEAST_MEAN_NORMAL * of_unknowns[:, 0]
     return np.asarray(is_folded[dof_map.unknowns].any(axis=1))
-
-
-def group_cells(corners: Ints, centres: Floats, vectors: Floats, dof_map: DofMap) -> CellGroups:
-    """Return groups of cells that are connected within cubes of `GROUP_SHARE` spacings; their dof map is ``dof_map``.
-
-    ``corners`` (m, k) are the cells' vertices after cutting, ``centres`` (m, d) their means, ``vectors`` (m, d) those
-    of :func:`_measure_vectors`.
-    """
-    codes = cell_codes(centres, GROUP_SHARE * dof_map.spacing)
-    of_cell, roots, touching = build_patches(codes, corners, np.arange(len(corners)))
-    means = _sums(of_cell, centres) / np.bincount(of_cell)[:, None]
-    return CellGroups(of_cell, dof_map.patch[roots], means, unit(_sums(of_cell, vectors)), touching)
 
 
 def _sums(number: Ints, values: Floats) -> Floats:
