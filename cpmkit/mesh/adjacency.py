@@ -11,6 +11,7 @@ import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots, nearest_shares, norms, unit
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
 #: An edge of the rim whose middle is nearer than this share of its length to another edge of the rim lies on it.
@@ -174,6 +175,9 @@ class RepairReport:
     doubled: int  #: Cells removed because they named a vertex twice after welding, or had the corners of another cell.
     fans: int  #: Vertices added where fans of cells met that share no edge.
 
+    def __add__(self, other: RepairReport) -> RepairReport:
+        return RepairReport(self.welded + other.welded, self.doubled + other.doubled, self.fans + other.fans)
+
 
 def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
     """Return the mesh with vertices welded, and triangles connected only over shared edges, and a report.
@@ -184,11 +188,6 @@ def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
     """
     vertex_of, cells, report = repaired_cells(mesh)
     return Mesh.of(mesh.vertices[vertex_of], cells), report
-
-
-def has_distinct_vertices(mesh: Mesh) -> bool:
-    """Return whether no two vertices are to be welded: then a mesh of parts of repaired cells needs no repair."""
-    return bool((_welded_vertices(mesh.vertices) == np.arange(len(mesh.vertices))).all())
 
 
 def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, RepairReport]:
@@ -223,13 +222,13 @@ def box_size(vertices: Floats) -> float:
 
 def _welded_vertices(vertices: Floats) -> Ints:
     """Return for each vertex (v,) the first of those linked to it by steps up to ``WELDED_SIZE_SHARE`` of the box."""
-    from cpmkit.mesh import mesh_kernels
+    from scipy.spatial import cKDTree
 
-    tolerance = WELDED_SIZE_SHARE * box_size(vertices) if len(vertices) else 0.0
-    direction = np.array([0.4619, 0.7253, 0.5104])[: vertices.shape[1]]  # few vertices of a mesh differ only across it
-    along = vertices @ (direction / np.linalg.norm(direction))
-    first: Ints = mesh_kernels.merge_near_vertices(np.ascontiguousarray(vertices), along, np.argsort(along), tolerance)
-    return first
+    if not len(vertices):
+        return np.zeros(0, dtype=np.int64)
+    pairs = cKDTree(vertices).query_pairs(WELDED_SIZE_SHARE * box_size(vertices), output_type="ndarray")
+    label = connected_components(len(vertices), pairs)[1]
+    return np.asarray(np.unique(label, return_index=True)[1][label])
 
 
 @dataclass(frozen=True, eq=False)
