@@ -17,6 +17,7 @@ from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.grid.lattice import COUNTED_BLOCKS, Codes, cell_levels, check_band_memory, estimated_node_count, find_codes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints
+from cpmkit.runtime.arrays import is_whole
 from cpmkit.types import Floats, Ints, Progress, no_progress
 
 #: Number of nodes in one batch of closest point queries: it bounds temporary memory.
@@ -28,7 +29,7 @@ def check_degree(degree: int, label: str = "degree") -> int:
 
     Raises InputError if it is not. Degree 1 does not converge: its error stays of order one at every spacing.
     """
-    if isinstance(degree, bool) or not isinstance(degree, (int, np.integer)) or not 2 <= degree <= 5:
+    if not is_whole(degree) or not 2 <= degree <= 5:
         reason = (
             " (degree 1 does not converge: the second differences of its error do not vanish)" if degree == 1 else ""
         )

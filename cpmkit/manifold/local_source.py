@@ -74,7 +74,7 @@ class LocalSource:
         if not self.is_union:
             return (self,)
         members = members_of(self.source)
-        originals = members_of(self.of) if isinstance(self.of, HasMembers) else (None,) * len(members)
+        originals = (None,) * len(members) if self.of is None else members_of(self.of)
         return tuple(
             LocalSource(member, self.shift, self.queries, self.origin, original)
             for member, original in zip(members, originals, strict=True)

@@ -120,13 +120,17 @@ def _as_float(x: Any) -> float:
         return np.inf
 
 
+def is_whole(x: Any) -> bool:
+    """Return whether ``x`` is an integer of Python or NumPy; True and False are none."""
+    return isinstance(x, (int, np.integer)) and not isinstance(x, bool)
+
+
 def whole(x: Any, label: str, least: int = 0, most: int | None = None) -> int:
     """Return ``x`` as an int if it is a whole number from ``least`` to ``most``; True, text and 2.0 are refused.
 
     Without ``most`` there is no upper bound. Raises InputError, whose message begins with ``label``, for other ``x``.
     """
-    accepted = isinstance(x, (int, np.integer)) and not isinstance(x, bool)
-    if not accepted or x < least or (most is not None and x > most):
+    if not is_whole(x) or x < least or (most is not None and x > most):
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
         raise InputError(f"{label} must be a whole number {bounds}, got {shown(x)}.")
     return int(x)

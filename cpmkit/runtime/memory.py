@@ -53,11 +53,10 @@ def available_bytes() -> int:
 
 def is_out_of_memory(error: BaseException) -> bool:
     """Return whether an error means that memory ran out: for an array, a thread, or a library to load."""
-    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+    if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
         return True
-    if isinstance(error, ImportError):
-        return any(phrase in str(error) for phrase in ("failed to map segment", "Cannot allocate memory"))
-    return isinstance(error, RuntimeError) and "can't start new thread" in str(error)
+    phrases = "failed to map segment", "Cannot allocate memory", "can't start new thread"
+    return isinstance(error, (ImportError, RuntimeError)) and any(phrase in str(error) for phrase in phrases)
 
 
 def _process_limits() -> Iterator[MemoryLimit]:

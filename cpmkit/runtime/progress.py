@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, TextIO
+from typing import TextIO
 
 from cpmkit.errors import InputError, shown
 from cpmkit.types import Progress, no_progress
@@ -84,19 +84,19 @@ def shown_progress(target: ShownProgress, clock: Callable[[], float] = time.perf
     """
     if not callable(target) and target is not None and not isinstance(target, bool):
         raise InputError(f"progress must be True, False or a function of a stage and a share, got {shown(target)}.")
+    bar = DelayedBar(0.0 if target else SILENT_SECONDS, clock)
     if callable(target):
         show: Progress = target
     elif target is False or sys.stderr is None or not (target or _is_interactive()):
         show = no_progress
     else:
-        show = DelayedBar(0.0 if target else SILENT_SECONDS, clock)
+        show = bar
     _callbacks.append(show)
     try:
         yield show
     finally:
         _callbacks.remove(show)
-        if isinstance(show, DelayedBar):
-            show.close()
+        bar.close()
 
 
 def report_progress(stage: str, fraction: float) -> None:
@@ -110,39 +110,43 @@ class DelayedBar:
 
     def __init__(self, silent: float, clock: Callable[[], float]) -> None:
         self._since, self._silent, self._clock = clock(), silent, clock
-        self._bar: Any = None
+        self._show: Progress | None = None
+        self._close: Callable[[], object] = lambda: None
 
     def __call__(self, stage: str, fraction: float) -> None:
         """Show that ``fraction`` of ``stage`` is done, if the time without a bar is over."""
-        if self._bar is None:
+        if self._show is None:
             if self._clock() - self._since < self._silent:
                 return
-            self._bar = _tqdm_bar() or ProgressLine(sys.stderr)
-        if isinstance(self._bar, ProgressLine):
-            self._bar(stage, fraction)
-            return
+            line = ProgressLine(sys.stderr)
+            self._show, self._close = _tqdm_bar() or (line, line.finish)
         with suppress(OSError):  # a missing reader must not end a solve
-            self._bar.set_description_str(stage, refresh=False)
-            self._bar.n = round(min(max(fraction, 0.0), 1.0), 3)
-            self._bar.update(0)
-            self._bar.refresh()
+            self._show(stage, fraction)
 
     def close(self) -> None:
         """Remove the bar if it is shown."""
-        if self._bar is not None:
-            with suppress(OSError):
-                (self._bar.finish if isinstance(self._bar, ProgressLine) else self._bar.close)()
+        with suppress(OSError):
+            self._close()
 
 
-def _tqdm_bar() -> Any:
-    """Return a progress bar of tqdm, in a notebook a widget; None if tqdm is not installed."""
+def _tqdm_bar() -> tuple[Progress, Callable[[], object]] | None:
+    """Return the callback and the end of a progress bar of tqdm, in a notebook a widget; None without tqdm."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # it warns of a notebook without widgets, and writes text
             from tqdm.auto import tqdm
     except ImportError:
         return None
-    return tqdm(total=1.0, leave=False, bar_format="{desc:<12} {percentage:3.0f}% |{bar}| {elapsed}", file=sys.stderr)
+    words = "{desc:<12} {percentage:3.0f}% |{bar}| {elapsed}"
+    bar = tqdm(total=1.0, leave=False, bar_format=words, file=sys.stderr)
+
+    def show(stage: str, fraction: float) -> None:
+        bar.set_description_str(stage, refresh=False)
+        bar.n = round(min(max(fraction, 0.0), 1.0), 3)
+        bar.update(0)
+        bar.refresh()
+
+    return show, bar.close
 
 
 def _is_interactive() -> bool:

@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, con
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, conditions_with_law, rim_loops
 from cpmkit.forms.galerkin.space.energy import scalar_coefficient
 from cpmkit.linear.multigrid.solver import Level
-from cpmkit.linear.operators import Border, CsrOperator, Operator, Stiffness, plus_diagonal
+from cpmkit.linear.operators import Border, CsrOperator, Operator, plus_diagonal
 from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
@@ -230,14 +230,12 @@ class EquationAssembly:
             made = replace(made, widths=made.widths * made.a / scaled.a)
         return space.extend_conditions(made)
 
-    def terms_with_scene_data(self, stiffness: Stiffness) -> ConditionTerms:
+    def terms_with_scene_data(self, stiffness: Any) -> ConditionTerms:
         """Return the condition terms of an operator, perhaps of another scene, with this scene's data; cached."""
         cache = self._terms_by_operator
-        assert isinstance(stiffness, GalerkinOperator)
         if stiffness not in cache:
-            assert stiffness.conditions is not None
-            same = stiffness.conditions.conditions is self.conditions
             terms = stiffness.conditions
+            same = terms.conditions is self.conditions
             cache[stiffness] = terms if same else replace(terms, conditions=self.conditions)
         return cache[stiffness]
 
@@ -287,13 +285,12 @@ class EquationAssembly:
 
     # Constants
 
-    def free_constants(self, stiffness: Stiffness) -> Border | None:
+    def free_constants(self, stiffness: Any) -> Border | None:
         """Return the pieces of the manifold where constants solve A u = 0, and means over them; None if there are none.
 
         Raises SceneError if a conservative velocity leaves another function undetermined.
         """
         space = self.coefficients.space
-        assert isinstance(stiffness, GalerkinOperator)
         if stiffness.advection is not None and stiffness.advection.conservative:
             transposed = CsrOperator(stiffness.to_csr().T.tocsr())
             if free_pieces(transposed, lambda: space.mass, space.spline_count) is not None:

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.forms.options import Options
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.mesh.cell_quadrature import SAMPLINGS
 from cpmkit.mesh.mixed_cells import member_dimensions
-from cpmkit.runtime.arrays import whole
+from cpmkit.runtime.arrays import is_whole, whole
 from cpmkit.runtime.options import DeclaredOptions, one_of, option
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.junction import unsupported_junction
@@ -52,7 +50,7 @@ FAMILIES = ("steady", "time", "eigen", "biharmonic", "coupled")
 
 def _check_degree(degree: Any, label: str) -> int:
     """Return the degree of the splines, or raise an InputError, which calls it ``label``, if not in `DEGREES`."""
-    if isinstance(degree, bool) or not isinstance(degree, (int, np.integer)) or int(degree) not in DEGREES:
+    if not is_whole(degree) or degree not in DEGREES:
         raise InputError(
             f"{label} must be {', '.join(map(str, DEGREES[:-1]))} or {DEGREES[-1]} in the form 'galerkin', got "
             f"{shown(degree)}; form='collocation' takes 2 to 5."
@@ -184,7 +182,10 @@ def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
         "no velocity on unions of several dimensions": len(dims) > 1 and scene.problem.terms().velocity is not None,
         "no second Laplacian on unions of several dimensions": len(dims) > 1 and scene.problem.family == "biharmonic",
     }
-    return next((reason for reason, holds in reasons.items() if holds), "") or _junction_against(scene)
+    junction = unsupported_junction(surface)
+    accepted = "curves in surfaces, surfaces on the boundary of solids, and curves that meet surfaces at points"
+    reasons[f"{accepted}; {junction}"] = bool(junction)
+    return next((reason for reason, holds in reasons.items() if holds), "")
 
 
 def _boundaries_in_solid(scene: Scene) -> list[OrientedBoundary]:
@@ -197,10 +198,3 @@ def _reaches_skin(oriented: OrientedBoundary) -> bool:
     """Return whether some of a few samples of a boundary inside a solid lie on the boundary of the solid or outside."""
     samples, _ = next(samplings(oriented.source, oriented.surface))
     return bool((oriented.surface.closest_point(samples.points).edge >= 0).any())
-
-
-def _junction_against(scene: Scene) -> str:
-    """Return the junctions that the form takes, where one of the scene's is none of them; "" if all are."""
-    words = unsupported_junction(scene.surface)
-    accepted = "curves in surfaces, surfaces on the boundary of solids, and curves that meet surfaces at points"
-    return f"{accepted}; {words}" if words else ""

@@ -30,7 +30,6 @@ from cpmkit.linear.multigrid.smoothers import (
     WithStrip,
 )
 from cpmkit.linear.operators import (
-    ComplexShift,
     Operator,
     as_bordered,
     has_symmetric_pattern,
@@ -271,10 +270,9 @@ class MultigridSolver:
             matrix = operator.to_csr() if bordered is None else pinned_matrix(bordered)
             return PreconditionedGMRES(operator, build_schwarz_cycle(matrix, levels), self.max_iterations, "multigrid")
         piece = np.full(inner.size, -1)
-        shift = inner if isinstance(inner, ComplexShift) else None
-        if waves or shift is not None:
-            matrix = inner.to_csr() if shift is None else shift.positive_matrix()
-            cycle = build_cycle(matrix, levels, piece, waves=waves)
+        positive_matrix = getattr(inner, "positive_matrix", None)  # of a complex shift
+        if waves or positive_matrix is not None:
+            cycle = build_cycle((positive_matrix or inner.to_csr)(), levels, piece, waves=waves)
             return PreconditionedGMRES(operator, cycle, self.max_iterations, "multigrid")
         if bordered is not None:
             members = bordered.border.indicator.tocoo()

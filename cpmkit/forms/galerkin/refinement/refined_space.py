@@ -180,9 +180,10 @@ class RefinedDofMap(DofMap):
 class RefinedSamples(QuantisedSamples):
     """Samples whose places are stored on the magnified lattice; their points are returned on the manifold."""
 
+    dof_map: RefinedDofMap  #: The dof map of these samples.
+
     def points_at(self, rows: slice | Ints) -> Floats:
         """Return the points (..., d) on the manifold of the samples ``rows`` (...)."""
-        assert isinstance(self.dof_map, RefinedDofMap)
         return self.dof_map.reduce(self.dof_map.patch[rows], super().points_at(rows))
 
 

@@ -13,13 +13,6 @@ def block_diagonal(matrices: Sequence[Any]) -> Any:
     return block_diag(matrices, format="csr")
 
 
-def identity(count: int) -> Any:
-    """Return the sparse identity (count, count)."""
-    from scipy.sparse import eye_array
-
-    return eye_array(count, format="csr")
-
-
 def add_blocks(blocks: list[list[Any]], high: int, low: int, added: Sequence[Any]) -> None:
     """Add the blocks (n, n), (n, m) and (m, m) of a junction of the parts ``high`` and ``low`` to ``blocks``."""
     upper, across, lower = added

@@ -15,7 +15,7 @@ from cpmkit.forms.galerkin.equation_assembly import GalerkinOperator
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.space.energy import scalar_coefficient
-from cpmkit.forms.galerkin.unions.block_matrices import add_blocks, block_diagonal, identity, stack_blocks
+from cpmkit.forms.galerkin.unions.block_matrices import add_blocks, block_diagonal, stack_blocks
 from cpmkit.forms.galerkin.unions.junctions import (
     Contact,
     PointContact,
@@ -28,7 +28,7 @@ from cpmkit.forms.galerkin.unions.part_scenes import (
 from cpmkit.forms.galerkin.unions.union_parts import PartFlux, UnionPart
 from cpmkit.forms.options import Options
 from cpmkit.linear.multigrid.solver import Level
-from cpmkit.linear.operators import Bordered, CsrOperator, Operator, Stiffness
+from cpmkit.linear.operators import CsrOperator, Operator, without_border
 from cpmkit.scene.data import Data, Functional
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.member_data import ReactionAt
@@ -123,9 +123,8 @@ class UnionAssembly:
         matrices = [part.form.advection(part.restrict(field, self)).matrix for part in self.parts]
         return CsrOperator(block_diagonal(matrices))
 
-    def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
+    def boundary_mass(self, stiffness: Any) -> CsrOperator | None:
         """Return the integrals (n, n) of a u v where du/db = lambda u; None if that is nowhere."""
-        assert isinstance(stiffness, UnionOperator)
         masses = [form.boundary_mass(own) for form, own in zip(self.forms, stiffness.parts, strict=True)]
         if all(mass is None for mass in masses):
             return None
@@ -137,14 +136,16 @@ class UnionAssembly:
 
     def levels(self, operator: Operator) -> Sequence[Level]:
         """Return multigrid levels of ``operator``: those of the parts side by side, as long as a part has any."""
-        inner = operator.operator if isinstance(operator, Bordered) else operator
+        from scipy.sparse import eye_array
+
+        inner = without_border(operator)
         found = []
         sizes = [form.size for form in self.forms]
         touched = [self._touched_unknowns(number) for number in range(len(self.parts))]
         for levels in zip_longest(*(form.space.plain_levels for form in self.forms)):
             blocks, strips, start = [], [], 0
             for k, level in enumerate(levels):
-                blocks.append(identity(sizes[k]) if level is None else level.prolongation)
+                blocks.append(eye_array(sizes[k], format="csr") if level is None else level.prolongation)
                 own = np.arange(sizes[k]) if level is None else np.union1d(level.strip, touched[k])
                 strips.append(start + own)
                 start += sizes[k]
@@ -181,9 +182,8 @@ class UnionAssembly:
         """Return the integrals (n,) of vectors (p, d) at the samples times the tangential gradient of each function."""
         return np.concatenate([part.form.gradient_load(values[part.points]) for part in self.parts])
 
-    def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
+    def condition_load(self, stiffness: Any, time: float | None = None, of: str = "value") -> Floats:
         """Return the load (n, channels) of the conditions' data at ``time``."""
-        assert isinstance(stiffness, UnionOperator)
         loads = [form.condition_load(own, time, of) for form, own in zip(self.forms, stiffness.parts, strict=True)]
         return np.concatenate(loads)
 
