@@ -211,7 +211,12 @@ def cut_by_distance(
     number[:count] = np.arange(count)
     number[count + used] = count + np.arange(len(used))
     on_boundary = np.concatenate([sign == 0, np.ones(len(used), dtype=bool)])
-    with_crossings = _append_crossings(pieces, edges[used], distance, renumber_cells(after, number))
+    a, b = edges[used].T
+    attributes = np.concatenate([pieces.attributes, _zero_on_edges(pieces.attributes, edges[used], distance)])
+    # A crossing on an edge along an earlier boundary inherits its side.
+    side_of_crossings = np.where(pieces.sides[a] == pieces.sides[b], pieces.sides[a], 0)
+    of_vertices = np.concatenate([pieces.sides, side_of_crossings])
+    with_crossings = CutCells(attributes, of_vertices, renumber_cells(after, number))
     return _separate_sides(with_crossings, boundary, on_boundary, np.concatenate(sides))
 
 
@@ -293,18 +298,6 @@ def _side_of_cells(cells: Ints, sign: Floats) -> Floats:
     signs = np.nan_to_num(sign[cells])
     left, right = (signs > 0).any(axis=1), (signs < 0).any(axis=1)
     return np.where(left == right, 0.0, np.where(left, 1.0, -1.0))
-
-
-def _append_crossings(pieces: CutCells, edges: Ints, distance: Floats, cells: Ints) -> CutCells:
-    """Return the mesh with ``cells`` and with vertices appended at the zeros of ``distance`` (v,) on ``edges`` (k, 2).
-
-    The cells contain the numbers of these vertices already.
-    """
-    a, b = edges.T
-    attributes = np.concatenate([pieces.attributes, _zero_on_edges(pieces.attributes, edges, distance)])
-    # A crossing on an edge along an earlier boundary inherits its side.
-    sides = np.where(pieces.sides[a] == pieces.sides[b], pieces.sides[a], 0)
-    return CutCells(attributes, np.concatenate([pieces.sides, sides]), cells)
 
 
 def _separate_sides(pieces: CutCells, boundary: int, on_boundary: Bools, side: Floats) -> CutCells:

@@ -113,7 +113,8 @@ def isolated_patches(
     patches on one piece. Its size is its extent along an axis, or its diagonal.
     """
     count, piece = connected_components(patches, joined)
-    extent = piece_extents(points, patch, piece, count)
+    groups = RowGroups.from_numbers(count, piece[patch])
+    extent = groups.reduce_groups(np.maximum, points) - groups.reduce_groups(np.minimum, points)
     size = norms(extent) if by_diagonal else extent.max(axis=1)
     return np.asarray((size < ISOLATED_SPACINGS * spacing)[piece])
 
@@ -248,15 +249,6 @@ def touching_patches(patch: Any, patches: int, vertex: Any, holder: Any) -> Any:
     pairs = triu(at_vertices.T @ at_vertices, 1, format="csr")
     pairs.sort_indices()
     return np.stack(pairs.nonzero(), axis=1).astype(np.int32)
-
-
-def piece_extents(points: Floats, patch: Any, label: Ints, pieces: int) -> Floats:
-    """Return (pieces, d) the extent along the axes of the points on each piece of the manifold.
-
-    ``patch`` (q,) is the patch of each of the ``points`` (q, d), ``label`` (p,) the piece of each patch.
-    """
-    groups = RowGroups.from_numbers(pieces, label[patch])
-    return np.asarray(groups.reduce_groups(np.maximum, points) - groups.reduce_groups(np.minimum, points))
 
 
 @compiled

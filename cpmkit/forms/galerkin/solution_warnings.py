@@ -14,6 +14,7 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_
 from cpmkit.forms.galerkin.dof_map import ISOLATED_SPACINGS, DofMap
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.mesh import CellGeometry, Mesh
+from cpmkit.meshing.curved_from_points import boundary_vertices
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
@@ -43,7 +44,7 @@ def crossing_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[st
         return
     jumps = []
     for pair in combinations(np.unique(mesh.owner[~mesh.beyond_tip]).tolist(), 2):
-        shared = np.intersect1d(_vertices_of(mesh, pair[0]), _vertices_of(mesh, pair[1]))[:1]
+        shared = np.intersect1d(boundary_vertices(mesh, pair[0]), boundary_vertices(mesh, pair[1]))[:1]
         if not len(shared):
             continue
         where = lattice.to_scene(mesh.vertices[shared])
@@ -96,14 +97,9 @@ def ends_inside(mesh: Mesh, number: int) -> Ints:
     return np.intersect1d(vertices[count == 1], past)
 
 
-def _vertices_of(mesh: Mesh, number: int) -> Ints:
-    """Return the vertices (k,) of the mesh on boundary ``number``."""
-    return np.unique(mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip])
-
-
 def _largest_datum(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
     """Return the largest magnitude, at the vertices of boundary ``number``, of the values given on it; else 0."""
-    where = lattice.to_scene(mesh.vertices[_vertices_of(mesh, number)])
+    where = lattice.to_scene(mesh.vertices[boundary_vertices(mesh, number)])
     return max(map(_largest_magnitude, _given_values(scene, number, where)), default=0.0)
 
 

@@ -22,6 +22,7 @@ from cpmkit.forms.galerkin.solution_warnings import ends_inside
 from cpmkit.grid.lattice import Lattice, find_codes
 from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.scene.laws import Interface, Value
 from cpmkit.types import Bools, Floats, Ints
 
@@ -143,14 +144,10 @@ class TipDiscFinder:
 
     def _pieces(self, cells: Ints) -> Ints:
         """Return the connected component (k,) of each of the ``cells`` (k,); edges on boundaries do not connect."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         edges = self.mesh.edges.of_cells[cells]
         row, column = np.nonzero(self._owner[edges] < 0)
-        size = len(cells) + len(self.mesh.edges.ends)
-        graph = coo_array((np.ones(len(row)), (row, len(cells) + edges[row, column])), shape=(size, size))
-        return np.asarray(connected_components(graph, directed=False)[1][: len(cells)])
+        pairs = np.stack([row, len(cells) + edges[row, column]], axis=1)
+        return connected_components(len(cells) + len(self.mesh.edges.ends), pairs)[1][: len(cells)]
 
     def _boundary_end_distance(self, frame: TipDisc, boundary: int, tip: int) -> float:
         """Return the distance from a tip at which its boundary ends, turns back, or leaves its parabola; else inf."""

@@ -14,7 +14,7 @@ from math import comb
 
 import numpy as np
 
-from cpmkit.forms.galerkin.dof_map import DofMap, distinct_pairs, dof_map_from_patches, piece_extents
+from cpmkit.forms.galerkin.dof_map import DofMap, distinct_pairs, dof_map_from_patches, isolated_patches
 from cpmkit.linear.multigrid.solver import Level
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Floats, Ints, SparseMatrix
@@ -49,11 +49,6 @@ def prolongation_between(fine: DofMap, coarse: DofMap, parent: Ints) -> SparseMa
     return matrix
 
 
-#: A connected piece of the manifold that extends over at most so many cells along every axis has one unknown. Pieces
-#: with one unknown on the finer level extend over at most three cells there, and so over at most two coarser cells.
-ISOLATED_CELLS = 2
-
-
 def coarsen(dof_map: DofMap) -> tuple[DofMap, SparseMatrix]:
     """Return the dof map of the lattice of twice the spacing, and the prolongation P (n, m) from its unknowns.
 
@@ -66,9 +61,8 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, SparseMatrix]:
     cells = np.empty((count, dof_map.dim), dtype=np.int64)
     cells[label] = dof_map.cells >> 1
     touching = distinct_pairs(label[dof_map.touching[~inside]], count)
-    pieces, piece = connected_components(count, touching)
-    extents = piece_extents(cells.astype(np.float64), np.arange(count), piece, pieces)
-    isolated = (extents.max(axis=1) < ISOLATED_CELLS)[piece]
+    # Pieces with one unknown on the finer level extend over at most three cells there, and so over two coarser cells.
+    isolated = isolated_patches(cells.astype(np.float64), np.arange(count), touching, count, 1.0)
     patch = label[dof_map.patch]
     coarse = dof_map_from_patches(2 * dof_map.spacing, cells, touching, patch, isolated, dof_map.degree)
     return coarse, prolongation_between(dof_map, coarse, label)
@@ -95,7 +89,9 @@ def coarser_levels(dof_map: DofMap, boundary_patches: Ints, in_blocks: bool = Fa
     unknowns read by these and by small pieces, or by coarser patches that contain them, are the smoother's strip,
     which is solved exactly, or in overlapping blocks if ``in_blocks``.
     """
-    level = replace(dof_map, patch=np.union1d(boundary_patches, _patches_of_small_pieces(dof_map)))
+    count, piece = connected_components(len(dof_map.cells), dof_map.touching)  # ties do not connect
+    in_small_pieces = np.flatnonzero((np.bincount(piece, minlength=count) <= STRIP_PATCHES)[piece])
+    level = replace(dof_map, patch=np.union1d(boundary_patches, in_small_pieces))
     levels: list[Level] = []
     while level.size > COARSEST_UNKNOWNS:
         strip = np.unique(level.unknowns[level.patch])
@@ -104,12 +100,6 @@ def coarser_levels(dof_map: DofMap, boundary_patches: Ints, in_blocks: bool = Fa
             break
         levels.append(Level(prolongation, strip, None, _lines(level) if level.degree > 2 else None, in_blocks))
     return levels
-
-
-def _patches_of_small_pieces(dof_map: DofMap) -> Ints:
-    """Return the patches (k,) of all connected pieces of at most `STRIP_PATCHES` patches; ties do not connect."""
-    count, piece = connected_components(len(dof_map.cells), dof_map.touching)
-    return np.flatnonzero((np.bincount(piece, minlength=count) <= STRIP_PATCHES)[piece])
 
 
 def _lines(dof_map: DofMap) -> Ints:

@@ -54,10 +54,8 @@ class QuantisedSamples:
             from_node = samples.points[rows] / dof_map.spacing - dof_map.cells[dof_map.patch[rows]]
             from_node /= PLACE_UNIT
             places[rows] = np.clip(np.rint(from_node), -largest - 1, largest) if is_surface else from_node
-        if is_surface:
-            encode_normals(samples.normals, directions)
-        else:
-            directions[:] = samples.normals / NORMAL_UNIT
+            normals = samples.normals[rows] / NORMAL_UNIT
+            directions[rows] = np.rint(_unfold_octahedron(normals)) if is_surface else normals
         descents = np.flatnonzero(samples.cell[1:] < samples.cell[:-1])
         count = int(descents[0]) + 1 if len(descents) else len(samples)
         starts = np.concatenate([[0], np.cumsum(np.bincount(samples.cell[:count]))]).astype(np.int32)
@@ -89,11 +87,10 @@ class QuantisedSamples:
 
     def points_at(self, rows: slice | Ints) -> Floats:
         """Return the points (..., d), relative to the lattice's origin, of the samples ``rows`` (...)."""
-        places, patch = self.places[rows], self.dof_map.patch[rows]
-        points = np.empty(places.shape)
-        flat = places.reshape(-1, places.shape[-1])
-        decode_places(flat, patch.ravel(), self.dof_map.cells, self.dof_map.spacing, points.reshape(flat.shape))
-        return points
+        points = PLACE_UNIT * self.places[rows]
+        points += self.dof_map.cells[self.dof_map.patch[rows]]
+        points *= self.dof_map.spacing
+        return np.asarray(points)
 
     def normals_at(self, rows: slice | Ints) -> Floats:
         """Return the normals (..., c, d) of the samples ``rows`` (...)."""
@@ -113,31 +110,16 @@ class QuantisedSamples:
         return cells
 
 
-@compiled
-def decode_places(places: Any, patch: Any, cells: Ints, spacing: float, points: Floats) -> None:
-    """Fill ``points`` (q, d) with the positions of samples, relative to the origin of the lattice.
+def _unfold_octahedron(normals: Floats) -> Floats:
+    """Return the positions (q, c, 2) of directions ``normals`` (q, c, 3) on the octahedron unfolded into a square.
 
-    ``places`` (q, d) are the quantised positions relative to the centres of lattice cells; sample q is in cell
-    ``cells[patch[q]]``, with ``cells`` (p, d) and ``patch`` (q,).
+    The square is as large as the multiple of unit vectors that the normals are; a normal is projected to the octahedron
+    |x| + |y| + |z| = 1, whose lower half is folded outwards over the edges of the upper one.
     """
-    for q in range(len(places)):
-        for axis in range(places.shape[1]):
-            points[q, axis] = spacing * (cells[patch[q], axis] + PLACE_UNIT * places[q, axis])
-
-
-@compiled
-def encode_normals(normals: Floats, directions: Any) -> None:
-    """Fill ``directions`` (q, 1, 2) with quantised ``normals`` (q, 1, 3) of a surface.
-
-    A normal is projected to the octahedron |x| + |y| + |z| = 1, which is unfolded into a square.
-    """
-    for q in range(len(normals)):
-        n = normals[q, 0]
-        size = abs(n[0]) + abs(n[1]) + abs(n[2])
-        x, y = n[0] / size, n[1] / size
-        if n[2] < 0:  # the lower half is folded outwards over the edges of the upper one
-            x, y = (1 - abs(y)) * (1.0 if x >= 0 else -1.0), (1 - abs(x)) * (1.0 if y >= 0 else -1.0)
-        directions[q, 0, 0], directions[q, 0, 1] = np.rint(x / NORMAL_UNIT), np.rint(y / NORMAL_UNIT)
+    size = np.abs(normals).sum(axis=-1, keepdims=True) * NORMAL_UNIT
+    flat, below = normals[..., :2] / size, normals[..., 2:] < 0
+    folded = (1 / NORMAL_UNIT - np.abs(flat[..., ::-1])) * np.where(flat >= 0, 1.0, -1.0)
+    return np.asarray(np.where(below, folded, flat))
 
 
 @compiled

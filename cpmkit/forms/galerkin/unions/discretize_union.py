@@ -19,7 +19,6 @@ from cpmkit.forms.galerkin.unions.union_parts import UnionPart
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.manifold.abilities import HasSkin, members_of
-from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.meetings import Meeting, is_near, meetings_of, touching_distance
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.scene.junction import Junction, JunctionLaw, check_radii, junction_of
@@ -117,20 +116,16 @@ def _contact(scene: Scene, high: UnionPart, low: UnionPart) -> Contact | None:
     if high.dim != low.dim + 1 or not len(rows):
         return None
     points = form.sampled.lattice.to_scene(form.sampled.boundary.points[rows])
-    numbers = [_member_at(part, points) for part in (low, high)]
+    numbers = []
+    for part in (low, high):  # the member of each that is nearest to the points
+        element = part.form.scene.surface.closest_point(points).element
+        alone = len(part.numbers) == 1 or element is None
+        numbers.append(np.asarray(part.numbers)[np.zeros(len(points), dtype=np.int64) if alone else element])
     resistance = np.empty(len(rows))
     for pair in np.unique(np.stack(numbers), axis=1).T:
         at = (numbers[0] == pair[0]) & (numbers[1] == pair[1])
         resistance[at] = junction_of(scene.junctions, *pair.tolist()).resistance
     return Contact(rows, low.form.evaluation_matrix(points), resistance)
-
-
-def _member_at(part: UnionPart, points: Floats) -> Ints:
-    """Return the number (n,) in the union of the member of a ``part`` that is nearest to each of ``points`` (n, d)."""
-    source = LocalSource(part.form.scene.surface, np.zeros(points.shape[1]))
-    element = source.closest_point(points).element
-    own = np.zeros(len(points), dtype=np.int64) if len(part.numbers) == 1 or element is None else element
-    return np.asarray(part.numbers)[own]
 
 
 def _distinct_places(scene: Scene, meetings: Sequence[Meeting]) -> tuple[Floats, Floats, Floats]:

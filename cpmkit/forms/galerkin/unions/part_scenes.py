@@ -37,7 +37,7 @@ def scenes_by_dimension(scene: Scene) -> list[tuple[tuple[int, ...], Scene]]:
         numbers = tuple(k for k, member in enumerate(members) if largest_dim(member) == dim)
         source: Any = surface
         own = source.with_members(numbers)
-        boundaries = [each for each in scene.boundaries if _dimension_at(scene, each) == dim]
+        boundaries = [each for each in scene.boundaries if scene.oriented(each).dimension == dim]
         boundaries += _cuts(scene, numbers)
         problem = restrict_fields(scene.problem, partial(restrict_data, numbers=numbers, own=own))
         part = Scene(own, problem, boundaries, _edge(scene, numbers, own))
@@ -54,11 +54,6 @@ def _with_channels(part: Scene, channels: int) -> Scene:
 def without_edge(part: Scene) -> Scene:
     """Return the scene of a closed ``part`` without the conditions that the edge of other parts has."""
     return _with_channels(Scene(part.surface, part.problem, part.boundaries), part.channels)
-
-
-def _dimension_at(scene: Scene, boundary: Boundary) -> int:
-    """Return the dimension of the members on which a ``boundary`` of the scene lies."""
-    return scene.oriented(boundary).dimension
 
 
 def _cuts(scene: Scene, numbers: Sequence[int]) -> list[Boundary]:

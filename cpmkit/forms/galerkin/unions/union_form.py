@@ -227,17 +227,12 @@ class GalerkinUnion(UnionAssembly, Discretized):
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings of all parts, and one if members are near each other that do not meet."""
         of_parts = dict.fromkeys(text for form in self.forms for text in form.warnings())
-        return (*self._near_miss, *self._crossed_members, *of_parts)
+        return (*self._warnings_on_members, *of_parts)
 
     @cached_property
-    def _crossed_members(self) -> tuple[str, ...]:
-        """A warning if a boundary of a surface crosses a curve in it, which has no condition there."""
-        return crossed_member_warnings(self.scene)
-
-    @cached_property
-    def _near_miss(self) -> tuple[str, ...]:
-        """A warning if members of different dimension are nearer than the spacing, and nothing flows between them."""
-        return near_miss_warnings(self.scene.surface, self.spacing)
+    def _warnings_on_members(self) -> tuple[str, ...]:
+        """Warnings on members that nearly meet, and on boundaries of a surface that cross a curve in it."""
+        return (*near_miss_warnings(self.scene.surface, self.spacing), *crossed_member_warnings(self.scene))
 
     def diagnosis(
         self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
@@ -261,14 +256,8 @@ class GalerkinUnion(UnionAssembly, Discretized):
     def work(self, operator: Operator, report: SolveReport | None) -> GalerkinWork:
         """Return the measures of the work of a solve; ``report`` is None where none was made."""
         parts = [form.work(operator, report) for form in self.forms]
-        sums = {name: sum(getattr(each, name) for each in parts) for name in ("unknowns", "samples", "patches")}
-        queries = sum(each.closest_point_queries for each in parts)
-        return GalerkinWork(
-            **sums,
-            closest_point_queries=queries,
-            nonzeros=operator.nonzeros,
-            operator_applications=parts[0].operator_applications,
-        )
+        summed = "unknowns", "samples", "patches", "closest_point_queries"
+        return replace(parts[0], **{name: sum(getattr(each, name) for each in parts) for name in summed})
 
     def describe(self) -> dict[str, Any]:
         """Return the options, and the number of unknowns of the members of each dimension, as plain values."""
