@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import norms
+from cpmkit.manifold.vector_algebra import dots
 from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.types import Bools, Floats, Ints
 
@@ -39,7 +39,11 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
     """
     assert mesh.midpoints is None
     if mesh.manifold_dim == 1:
-        return split_segments_equally(mesh, length)
+        ends = mesh.vertices[mesh.cells]
+        parts = np.maximum(np.ceil(mesh.edge_lengths / length), 1).astype(np.int64)
+        segment, place = expand_counts(parts - 1)
+        share = (place + 1) / parts[segment]
+        return split_segments(mesh, segment, _interpolate(ends[segment, 0], ends[segment, 1], share))
     mesh, halves = split_needles(mesh, length)
     longest = float(length) * (1 + SAME_LENGTH_SHARE)
     return halve_long_edges(mesh, lambda mesh: mesh.edge_lengths > longest, halves)
@@ -210,15 +214,6 @@ def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
     return row, np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
 
 
-def split_segments_equally(mesh: Mesh, length: float) -> Mesh:
-    """Return the mesh with each segment split into the least number of equal parts not longer than ``length``."""
-    ends = mesh.vertices[mesh.cells]
-    parts = np.maximum(np.ceil(norms(ends[:, 1] - ends[:, 0]) / length), 1).astype(np.int64)
-    segment, place = expand_counts(parts - 1)
-    share = (place + 1) / parts[segment]
-    return split_segments(mesh, segment, _interpolate(ends[segment, 0], ends[segment, 1], share))
-
-
 def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None = None) -> Mesh:
     """Return the mesh with segments split at the knot planes of the splines, x = (k + 1/2) spacing along any axis.
 
@@ -286,10 +281,20 @@ def _interpolate(start: Floats, end: Floats, share: Floats) -> Floats:
 
 
 def split_segments(mesh: Mesh, segment: Ints, points: Floats) -> Mesh:
-    """Return the mesh with ``segment`` (n,), ascending, split at ``points`` (n, d) in their order along it."""
-    number = len(mesh.vertices) + np.arange(len(points))
-    first = np.searchsorted(segment, np.arange(len(mesh.cells)))
-    parts = np.bincount(segment, minlength=len(mesh.cells))
-    starts = np.insert(number, first, mesh.cells[:, 0])
-    ends = np.insert(number, first + parts, mesh.cells[:, 1])
-    return replace(mesh, vertices=np.concatenate([mesh.vertices, points]), cells=np.stack([starts, ends], axis=1))
+    """Return the mesh with each ``segment`` (n,) split at one of ``points`` (n, d); a segment may occur repeatedly."""
+    new = len(mesh.vertices) + np.arange(len(points))
+    cells = divide_segments(mesh.vertices, mesh.cells, segment, new, points)
+    return replace(mesh, vertices=np.concatenate([mesh.vertices, points]), cells=cells)
+
+
+def divide_segments(vertices: Floats, segments: Ints, segment: Ints, new: Ints, points: Floats) -> Ints:
+    """Return segments (s, 2) between ``vertices`` (v, d), some split.
+
+    The segments numbered ``segment`` (k,) are split at the new vertices ``new`` (k,) at ``points`` (k, d).
+    """
+    a, b = vertices[segments[segment]].transpose(1, 0, 2)
+    order = np.lexsort((dots(points - a, b - a) / dots(b - a, b - a), segment))
+    segment, new = segment[order], new[order]
+    first = np.searchsorted(segment, np.arange(len(segments)))
+    parts = np.bincount(segment, minlength=len(segments))
+    return np.stack([np.insert(new, first, segments[:, 0]), np.insert(new, first + parts, segments[:, 1])], axis=1)

@@ -13,7 +13,8 @@ from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.adjacency import WELDED_SIZE_SHARE, box_size, repair
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.meshing.contouring.curve_graph import near_chords, nearest_on_chords, split_segments
+from cpmkit.mesh.subdivision import divide_segments
+from cpmkit.meshing.contouring.curve_graph import near_chords, nearest_on_chords
 from cpmkit.types import Bools, Floats, Ints
 
 #: Newton's rounds; one halves the distance from a point where two curves touch.
@@ -79,7 +80,7 @@ def meetings_of_curves(curves: Sequence[Curve], length: float) -> list[Floats] |
 def split_at(source: LocalSource | FlatCurve, mesh: Mesh, points: Floats) -> Mesh:
     """Return the segments of a curve split at its ``points`` (k, d), which become vertices, near others too."""
     new = len(mesh.vertices) + np.arange(len(points))
-    cells = split_segments(mesh.vertices, mesh.cells, _segments_at(source, mesh, points), new, points)
+    cells = divide_segments(mesh.vertices, mesh.cells, _segments_at(source, mesh, points), new, points)
     return Mesh.of(np.concatenate([mesh.vertices, points]), cells)
 
 
@@ -114,7 +115,11 @@ def _crossings(first: Curve, second: Curve, length: float, tolerance: float) -> 
     sources = first[0], second[0]
     for ahead in length * 10.0 ** np.linspace(-2, -7, ROUNDS):
         points = [source.closest_point(x).points for source in sources]
-        tangents = [_secants(*at, ahead) for at in zip(sources, points, tangents, strict=True)]
+        ends = [
+            [source.closest_point(at + way * along).points for way in (ahead, -ahead)]
+            for source, at, along in zip(sources, points, tangents, strict=True)
+        ]
+        tangents = [unit(forward - backward) for forward, backward in ends]
         gap, sine, step = _meeting(*points, *tangents)
         x = points[0] + step * np.minimum(1.0, length / np.maximum(norms(step), length))[:, None]
     met = gap <= tolerance
@@ -135,12 +140,6 @@ def _heights(source: LocalSource | FlatCurve, mesh: Mesh) -> Floats:
     """Return the distances (s,) of a curve from the middles of its segments."""
     middles = mesh.vertices[mesh.cells].mean(axis=1)
     return norms(source.closest_point(middles).points - middles)
-
-
-def _secants(source: LocalSource | FlatCurve, points: Floats, tangents: Floats, ahead: float) -> Floats:
-    """Return unit vectors (k, d) from the closest point behind ``points`` (k, d) to the one ahead of them."""
-    ends = [source.closest_point(points + sign * ahead * tangents).points for sign in (1, -1)]
-    return unit(ends[0] - ends[1])
 
 
 def _meeting(p: Floats, q: Floats, along_p: Floats, along_q: Floats) -> tuple[Floats, Floats, Floats]:

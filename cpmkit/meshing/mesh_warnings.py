@@ -105,26 +105,22 @@ def _defect_warnings(defects: MeshDefects, surface: LocalSource) -> Iterator[str
         """Return the text about the first of ``places`` (k, d)."""
         return f"the first near {_place_in_scene(places[0], surface)}"
 
+    cells = "the triangulation by closest points"
     if len(defects.cracks):
         yield (
-            f"{len(defects.cracks)} edges of the triangulation by closest points are open where the surface has no "
-            f"rim, {first(defects.cracks)}: cracks through which nothing flows; use a smaller spacing."
+            f"{len(defects.cracks)} edges of {cells} are open where the surface has no rim, {first(defects.cracks)}: "
+            "cracks through which nothing flows; use a smaller spacing."
         )
     knots = np.concatenate([defects.nonmanifold_edges, defects.branch_ends])
     if len(knots):
-        yield (
-            f"Sheets of the triangulation by closest points hang together wrongly at {len(knots)} places, "
-            f"{first(knots)}; use a smaller spacing."
-        )
+        yield f"Sheets of {cells} hang together wrongly at {len(knots)} places, {first(knots)}; use a smaller spacing."
     if len(defects.folds):
-        yield (
-            f"{len(defects.folds)} triangles fold over beside a rim of the surface, {first(defects.folds)}; use a "
-            "smaller spacing."
-        )
+        words = f"triangles fold over beside a rim of the surface, {first(defects.folds)}"
+        yield f"{len(defects.folds)} {words}; use a smaller spacing."
     if len(defects.uncovered):
         yield (
-            f"The triangulation by closest points leaves the surface at {len(defects.uncovered)} places of creases or "
-            f"rims, {first(defects.uncovered)}: sharp edges or corners may be cut; use a smaller spacing."
+            f"{cells.capitalize()} leaves the surface at {len(defects.uncovered)} places of creases or rims, "
+            f"{first(defects.uncovered)}: sharp edges or corners may be cut; use a smaller spacing."
         )
     if defects.component_change or defects.wrong_area:
         yield (

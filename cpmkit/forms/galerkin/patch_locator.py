@@ -15,11 +15,10 @@ from cpmkit.forms.galerkin.sheet_separation import SheetSeparation, group_touchi
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.grid.lattice import Lattice, find_codes
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.vector_algebra import dots, nearest_shares
+from cpmkit.manifold.vector_algebra import dots, nearest_barycentric, nearest_shares
 from cpmkit.mesh.adjacency import CellSides
 from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.meshing.insertion.surface_matching import nearest_barycentric
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.types import Bools, Floats, Ints, Side
 

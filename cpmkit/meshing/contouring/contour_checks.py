@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.manifold.vector_algebra import dots, nearest_shares, norms
+from cpmkit.manifold.vector_algebra import nearest_barycentric, norms
 from cpmkit.meshing.contour_edges import components_with_areas, edge_table, halve_edges, open_edges
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes
 from cpmkit.meshing.contouring.contour_repair import crowded_edges
-from cpmkit.meshing.contouring.contour_rims import RimTest, edges_on_rim
+from cpmkit.meshing.contouring.contour_rims import RimTest
 from cpmkit.types import Bools, Floats, Ints
 
 #: The weight in ``severity`` of a component gained or lost, of a wrong area and of a missed part of the surface; that
@@ -68,7 +68,7 @@ def find_defects(
     """
     edges = edge_table(cells)
     border = open_edges(vertices, cells, edges)
-    off_rim = np.setdiff1d(np.arange(len(border.edge)), edges_on_rim(border, on_rim))
+    off_rim = np.flatnonzero(~on_rim[border.ends].all(axis=1))
     off_rim = off_rim[~rims.of_edges(vertices, border.take(off_rim))]
     crowded = crowded_edges(rims.source, vertices, cells, edges)
     degree = np.bincount(edges.ends[edges.count > 2].ravel(), minlength=len(vertices))
@@ -142,38 +142,13 @@ def _nearest_edges(points: Floats, vertices: Floats, cells: Ints) -> tuple[Float
     """
     from scipy.spatial import KDTree
 
-    n = len(points)
-    least, slot, place = np.full(n, np.inf), np.zeros(n, dtype=np.int64), np.zeros(n)
-    if not n:
-        return least, slot, place
-    corners = vertices[cells]
     count = min(12, len(cells))
-    candidates = KDTree(corners.mean(axis=1)).query(points, k=count)[1].reshape(n, count)
-    for column in candidates.T:
-        distance, corner, share = _distances_to_triangles(points, corners[column])
-        nearer = distance < least
-        least = np.where(nearer, distance, least)
-        slot, place = np.where(nearer, 3 * column + corner, slot), np.where(nearer, share, place)
-    return least, slot, place
-
-
-def _distances_to_triangles(points: Floats, corners: Floats) -> tuple[Floats, Ints, Floats]:
-    """Return the distance (n,) of each point (n, 3) from its triangle (n, 3, 3), and the triangle's nearest edge.
-
-    The edge is given by the opposite corner k (n,), 0 to 2, and the share (n,) of its length, from corner k + 1 to
-    k + 2 modulo 3, at which the point is nearest.
-    """
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = norms(normal)
-    inside = size > 0
-    away, shares = np.empty((3, len(points))), np.empty((3, len(points)))
-    for k in range(3):
-        tail = corners[:, (k + 1) % 3]
-        along, outward = corners[:, (k + 2) % 3] - tail, points - tail
-        inside &= dots(np.cross(along, outward), normal) >= 0
-        shares[k] = nearest_shares(outward, along)
-        away[k] = norms(outward - shares[k][:, None] * along)
-    edge, rows = away.argmin(axis=0), np.arange(len(points))
-    with np.errstate(all="ignore"):
-        height = np.abs(dots(points - corners[:, 0], normal) / size)
-    return np.where(inside, height, away[edge, rows]), edge, shares[edge, rows]
+    cell = KDTree(vertices[cells].mean(axis=1)).query(points, k=count)[1].reshape(-1)
+    x = np.repeat(points, count, axis=0)
+    shares = nearest_barycentric(x, vertices[cells[cell]])
+    distance = norms(x - np.einsum("nk,nkd->nd", shares, vertices[cells[cell]])).reshape(len(points), count)
+    rows = np.arange(len(points))
+    nearest = count * rows + distance.argmin(axis=1)
+    corner = shares[nearest].argmin(axis=1)
+    tail, head = (shares[nearest, (corner + k) % 3] for k in (1, 2))
+    return distance.min(axis=1), 3 * cell[nearest] + corner, head / np.maximum(tail + head, np.finfo(float).tiny)

@@ -8,6 +8,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, nearest_shares, norms, unit
+from cpmkit.mesh.subdivision import divide_segments
 from cpmkit.meshing.contouring.curve_tracing import CurveTracer
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
@@ -66,7 +67,7 @@ def split_at_vertices(source: LocalSource, graph: CurveGraph, reach: float) -> C
     lies_on = (distance < reach) & (np.minimum(share, 1 - share) * length > reach)
     lies_on &= (graph.segments[segment] != vertex[:, None]).all(axis=1)
     vertex, segment = vertex[lies_on], segment[lies_on]
-    segments = split_segments(graph.vertices, graph.segments, segment, vertex, graph.vertices[vertex])
+    segments = divide_segments(graph.vertices, graph.segments, segment, vertex, graph.vertices[vertex])
     segments = _distinct(segments)
     return replace(graph, segments=segments, midpoints_on_curve=project_middles(source, graph.vertices, segments))
 
@@ -146,7 +147,7 @@ def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> C
     new = old + np.arange(len(points))
     same = _merge_into_junctions(vertices, np.arange(len(vertices)) >= old, 0.2 * step)
     pair, twice = np.concatenate([i, j]), np.tile(points, (2, 1))
-    segments = same[split_segments(vertices, graph.segments, pair, np.tile(new, 2), twice)]
+    segments = same[divide_segments(vertices, graph.segments, pair, np.tile(new, 2), twice)]
     segments = _distinct(segments)
     is_tip = np.zeros(len(vertices), dtype=bool)
     is_tip[graph.ends] = True
@@ -261,19 +262,6 @@ def _merge_into_junctions(vertices: Floats, is_junction: Bools, reach: float) ->
     order = np.concatenate([order[~is_junction[order]], order[is_junction[order]]])  # the last value assigned stays
     representative[group[order]] = order
     return np.asarray(representative[group])
-
-
-def split_segments(vertices: Floats, segments: Ints, segment: Ints, new: Ints, points: Floats) -> Ints:
-    """Return segments (s, 2) between ``vertices`` (v, d), some split.
-
-    The segments numbered ``segment`` (k,) are split at the new vertices ``new`` (k,) at ``points`` (k, d).
-    """
-    a, b = vertices[segments[segment]].transpose(1, 0, 2)
-    order = np.lexsort((dots(points - a, b - a) / dots(b - a, b - a), segment))
-    segment, new = segment[order], new[order]
-    first = np.searchsorted(segment, np.arange(len(segments)))
-    parts = np.bincount(segment, minlength=len(segments))
-    return np.stack([np.insert(new, first, segments[:, 0]), np.insert(new, first + parts, segments[:, 1])], axis=1)
 
 
 def near_chords(points: Floats, starts: Floats, stops: Floats, reach: float) -> tuple[Ints, Ints, Floats, Floats]:

@@ -13,7 +13,7 @@ from cpmkit.grid.lattice import cell_levels
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import Rows
-from cpmkit.manifold.vector_algebra import dots, in_three_dimensions, norms
+from cpmkit.manifold.vector_algebra import in_three_dimensions, nearest_barycentric, norms
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import Polyline, chain_segments
 from cpmkit.meshing.contouring.curve_graph import trace_curve
@@ -119,34 +119,6 @@ class ProjectionSearch:
         _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
         lowest: Bools = (first[inverse].reshape(keys.shape) // 3 >= rank[:, None]).all(axis=1)
         return lowest
-
-
-def nearest_barycentric(points: Floats, corners: Floats) -> Floats:
-    """Return the barycentric coordinates (n, 3) of the point of each triangle (n, 3, d) nearest to ``points`` (n, d).
-
-    Ericson, Real-Time Collision Detection (2005), section 5.1.5.
-    """
-    a, b, c = (corners[:, k] for k in range(3))
-    ab, ac = b - a, c - a
-    d1, d2 = dots(ab, points - a), dots(ac, points - a)
-    d3, d4 = dots(ab, points - b), dots(ac, points - b)
-    d5, d6 = dots(ab, points - c), dots(ac, points - c)
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    with np.errstate(all="ignore"):
-        on_ab, on_ac = d1 / (d1 - d3), d2 / (d2 - d6)
-        on_bc = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        inside = np.stack([va, vb, vc], axis=1) / (va + vb + vc)[:, None]
-    zero, unity = np.zeros(len(points)), np.ones(len(points))
-    cases = [
-        ((d1 <= 0) & (d2 <= 0), (unity, zero, zero)),
-        ((d3 >= 0) & (d4 <= d3), (zero, unity, zero)),
-        ((d6 >= 0) & (d5 <= d6), (zero, zero, unity)),
-        ((vc <= 0) & (d1 >= 0) & (d3 <= 0), (1 - on_ab, on_ab, zero)),
-        ((vb <= 0) & (d2 >= 0) & (d6 <= 0), (1 - on_ac, zero, on_ac)),
-        ((va <= 0) & (d4 >= d3) & (d5 >= d6), (zero, 1 - on_bc, on_bc)),
-    ]
-    conditions = [condition[:, None] for condition, _ in cases]
-    return np.select(conditions, [np.stack(shares, axis=1) for _, shares in cases], inside)
 
 
 def barycentric_position(triangulation: SplitTriangulation, root: int, shares: Floats) -> Vector:
