@@ -181,7 +181,7 @@ def explain(
         As for :func:`cpmkit.solve`.
     dry_run : bool
         Whether the scene is discretised on up to three coarse lattices, so that counts are correct to 10 percent, and
-        warnings (creases, sheets that are too near, boundaries that meet) are found. Small scenes are discretised at
+        warnings (creases, sheets that are too near) are found. Small scenes are discretised at
         the spacing itself. It takes up to as long as a solve.
     seconds : bool
         Whether, after a dry run, the scene is also solved on two coarse lattices to time this machine: ``seconds`` of

@@ -134,14 +134,13 @@ def test_a_guess_saves_iterations(form, solver):
         prepared.solve(guess=3)
 
 
-@pytest.mark.parametrize("form", ["collocation", "galerkin"])
-def test_warnings_are_those_of_the_new_data(form):
+def test_warnings_are_those_of_the_new_data():
     """Two circles that cross with equal values say nothing; with different values the crossing is told."""
     boundaries = [
         ck.Boundary("one", circle([0, 0, 1]), both=ck.Dirichlet(1.0)),
         ck.Boundary("other", circle([1, 0, 0]), both=ck.Dirichlet(1.0)),
     ]
-    prepared = ck.prepare(ck.Scene(SPHERE, ck.Laplace(), boundaries), 0.25, form=form)
+    prepared = ck.prepare(ck.Scene(SPHERE, ck.Laplace(), boundaries), 0.25)
     assert not any("cross with different values" in text for text in prepared.solve().warnings)
     crossed = prepared.solve(data={"other": ck.Dirichlet(2.0)})
     assert any("cross with different values" in text for text in crossed.warnings)

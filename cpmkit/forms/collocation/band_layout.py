@@ -14,16 +14,20 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.collocation.facing_rims import find_narrowest_gap, find_rim_strips
 from cpmkit.forms.collocation.ghosts.ghost_geometry import SIDE_READING_SPACINGS, node_sources
 from cpmkit.forms.collocation.ghosts.ghosts import Ghosts, build_ghosts
 from cpmkit.forms.collocation.ghosts.nodes_past_edge import node_formulas, nodes_behind_boundaries
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula
 from cpmkit.forms.collocation.selection import Centres, Unknowns
-from cpmkit.forms.collocation.side_view import BoundariesOnBand, SideView, put_on_lattice
+from cpmkit.forms.collocation.side_view import (
+    BoundariesOnBand,
+    ParallelPair,
+    SideView,
+    find_parallel_pairs,
+    put_on_lattice,
+)
 from cpmkit.forms.collocation.twins import add_twins
-from cpmkit.forms.collocation.unresolved_places import UnresolvedPlace, find_meetings, find_mixed_sides
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import Band, build_band, reading_radius, stencil_cells, stencil_nodes, tensor_weights
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, Lattice, lattice_of
@@ -51,14 +55,16 @@ class Layout:
     boundaries: BoundariesOnBand  #: The boundaries, and the distances and sides of the band's nodes from each.
     ghosts: Sequence[Ghosts]  #: The ghosts of each boundary.
     channels: int  #: Number of right-hand sides that are solved together.
-    #: rims, meetings: Unresolved places at rims, and places where boundaries meet each other or themselves.
-    rims: Sequence[UnresolvedPlace] = ()
-    meetings: Sequence[UnresolvedPlace] = ()
 
     @cached_property
     def unknowns(self) -> Unknowns:
         """The unknowns: the band's inner nodes, then the ghosts of each boundary."""
         return Unknowns(self.band, self.ghosts)
+
+    @cached_property
+    def parallel_pairs(self) -> list[ParallelPair]:
+        """The pairs of boundaries that run side by side, less than a spacing apart, or lie at the same place."""
+        return find_parallel_pairs(self.boundaries, self.lattice.spacing)
 
     @property
     def queries(self) -> Counter[str]:
@@ -87,20 +93,7 @@ def build_layout(scene: Scene, options: Options[CollocationOptions], progress: P
         ghosts.append(build_ghosts(index, boundaries, band, lattice, formula, options.own.order))
         progress("boundaries", (index + 1) / len(scene.boundaries))
     sources = _sources_of_nodes(boundaries, band)
-    rims = find_rim_strips(boundaries.on_lattice, surface, band, lattice) + find_narrowest_gap(surface, band, lattice)
-    layout = Layout(options, lattice, surface, band, formula, sources, boundaries, ghosts, scene.channels, rims)
-    return replace_data(layout, scene)
-
-
-def replace_data(layout: Layout, scene: Scene) -> Layout:
-    """Return the layout with the data of ``scene``, and the unresolved places where boundaries with these data meet.
-
-    ``scene`` differs from the layout's scene only in equation and data.
-    """
-    boundaries = replace(layout.boundaries, definitions=scene.boundaries)
-    arguments = boundaries, layout.lattice, scene.channels, scene.problem.start_time
-    meetings = find_meetings(*arguments) + find_mixed_sides(*arguments)
-    return replace(layout, boundaries=boundaries, channels=scene.channels, meetings=meetings)
+    return Layout(options, lattice, surface, band, formula, sources, boundaries, ghosts, scene.channels)
 
 
 def _boundaries_and_node_formulas(

@@ -206,7 +206,8 @@ def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretizat
             raise SceneError(
                 f"{label} has no data in the tables, a flux of zero has none, and takes no others; use cpmkit.solve."
             )
-    layout = band_layout.replace_data(tables.layout, new)
+    boundaries = replace(tables.layout.boundaries, definitions=new.boundaries)
+    layout = replace(tables.layout, boundaries=boundaries, channels=new.channels)
     check_layout(layout, new)
     laws_of_data = [known[id(datum.law), datum.label] for datum in tables.data]
     data = [

@@ -11,11 +11,11 @@ from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.forms.collocation.band_layout import Layout
 from cpmkit.forms.collocation.band_sheets import foot_directions
 from cpmkit.forms.collocation.ghosts.transmission_ghosts import check_conductivities
-from cpmkit.forms.collocation.unresolved_places import BRIDGED_GAP_SPACINGS, WIDE_GAP_SPACINGS
+from cpmkit.forms.collocation.side_view import ALONGSIDE_COSINE, STRIP_SPACINGS
 from cpmkit.manifold.abilities import advice_of
+from cpmkit.manifold.vector_algebra import dots, unit
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import same_condition
-from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.laws import Interface, Value
 from cpmkit.scene.point_values import small_boundary_warnings
@@ -35,15 +35,13 @@ IMPLICIT_LEAST_SPACINGS = 0.3
 def check_layout(layout: Layout, scene: Scene) -> None:
     """Raise if conditions would have no effect, or contradict each other.
 
-    Raises SceneError if two boundaries at one place have different conditions, a boundary on a rim has another
-    condition than the edge, a condition is a flux at a point or for an edge that the manifold does not have, or
-    conductivities differ from the problem's diffusivity; ResolutionError if the spacing does not resolve a boundary, a
-    strip at a rim, or a gap.
+    Raises SceneError if two boundaries at one place have different conditions, a condition is a flux at a point or for
+    an edge that the manifold does not have, or conductivities differ from the problem's diffusivity; ResolutionError if
+    the spacing does not resolve a boundary, or the strip between one with coupled sides and a rim.
     """
     _check_fluxes_at_points(layout)
     _check_same_place(layout)
-    _check_rims(layout, scene)
-    _check_gaps(layout)
+    _check_coupled_beside_rims(layout)
     for number, ghosts in enumerate(layout.ghosts):
         if not ghosts.unknowns:
             raise ResolutionError(_no_effect_message(layout, number))
@@ -55,14 +53,13 @@ def check_effect(layout: Layout, extension: SparseMatrix, neighbours: Ints) -> N
     """Raise ResolutionError if no node reads the ghosts of a boundary, which then has no effect.
 
     ``extension`` (rows, unknowns) is E, ``neighbours`` (unknowns, 2 d) the rows that difference stencils read. A
-    boundary whose condition is repeated at the same place, by another boundary or the edge, is excepted.
+    boundary whose condition another boundary repeats at the same place is excepted.
     """
     unknowns, nodes, inner = layout.unknowns, len(layout.band.nodes), layout.band.inner
     is_read, is_neighbour = np.zeros(extension.shape[1], dtype=bool), np.zeros(extension.shape[0], dtype=bool)
     is_read[extension.indices[: extension.indptr[nodes]]] = True
     is_neighbour[neighbours[:inner]] = True
-    places = (*layout.rims, *layout.meetings)
-    repeated = {one.boundaries[-1] for one in places if one.kind in ("same place", "on rim")}
+    repeated = {pair.numbers[-1] for pair in layout.parallel_pairs if pair.same_place}
     for number in range(len(layout.ghosts)):
         used = is_read[unknowns.unknowns_of(number)].any() or is_neighbour[unknowns.rows_of(number)].any()
         if not used and number not in repeated:
@@ -77,7 +74,8 @@ def _no_effect_message(layout: Layout, number: int) -> str:
     resolved = min(RESOLVED_EXTENT_SHARE * extent, 0.5 * spacing) or 0.5 * spacing
     return (
         f"spacing={spacing:g} is too coarse for boundary {layout.boundaries.definitions[number].name!r} near {middle}, "
-        f"{extent:.3g} in extent: it would have no effect; use {resolved:.2g} or less."
+        f"{extent:.3g} in extent: it would have no effect; use {resolved:.2g} or less, or `edge` for a condition on "
+        "the rim of the manifold."
     )
 
 
@@ -97,12 +95,13 @@ def _check_fluxes_at_points(layout: Layout) -> None:
 
 def _check_same_place(layout: Layout) -> None:
     """Raise SceneError if two boundaries at the same place have different conditions."""
-    for strip in (one for one in layout.meetings if one.kind == "same place"):
-        first, second = (layout.boundaries.definitions[number] for number in strip.boundaries)
-        pairs = zip(SIDES, SIDES[::-1] if strip.reversed else SIDES, strict=True)
-        if not all(same_condition(first.condition(a), second.condition(b)) for a, b in pairs):
+    for pair in layout.parallel_pairs:
+        first, second = (layout.boundaries.definitions[number] for number in pair.numbers)
+        sides = zip(SIDES, SIDES[::-1] if pair.reversed else SIDES, strict=True)
+        if pair.same_place and not all(same_condition(first.condition(a), second.condition(b)) for a, b in sides):
+            where = place(layout.lattice.to_scene(pair.point[None])[0])
             raise SceneError(
-                f"boundaries {first.name!r} and {second.name!r} lie at the same place, near {place(strip.point)}, and "
+                f"boundaries {first.name!r} and {second.name!r} lie at the same place, near {where}, and "
                 "hold different conditions; keep one of them, with `left` and `right` where its sides differ."
             )
 
@@ -116,34 +115,20 @@ def _check_conductivities(scene: Scene, layout: Layout) -> None:
             check_conductivities(f"boundary {boundary.name!r}", law, diffusivity, view, layout.lattice)
 
 
-def _check_rims(layout: Layout, scene: Scene) -> None:
-    """Raise SceneError for a condition on a rim unlike the edge's, ResolutionError for coupled sides near a rim."""
-    spacing = layout.lattice.spacing
-    for strip in (one for one in layout.rims if one.boundaries):
-        boundary, edge = layout.boundaries.definitions[strip.boundaries[0]], edge_condition(scene.edge, strip.loop)
-        conditions, where = [boundary.condition(side) for side in SIDES], place(strip.point)
-        if strip.kind == "on rim" and not all(same_condition(condition, edge) for condition in conditions):
-            raise SceneError(
-                f"boundary {boundary.name!r} lies on the manifold's rim, near {where}, where the edge holds another "
-                f"condition; give it as `edge=` (loop {strip.loop}) in place of the boundary."
-            )
-        if strip.kind == "rim strip" and conditions[0].couples:
-            raise ResolutionError(
-                f"spacing={spacing:g} is too coarse for boundary {boundary.name!r}, whose sides are coupled: near "
-                f"{where} it runs {strip.size:.3g} from the manifold's rim; use {strip.size / 3:.2g} or less."
-            )
-
-
-def _check_gaps(layout: Layout) -> None:
-    """Raise ResolutionError if the narrowest gap between rims is so narrow that stencils bridge it."""
-    spacing = layout.lattice.spacing
-    for rims in layout.rims:
-        if rims.kind == "gap" and rims.size <= BRIDGED_GAP_SPACINGS * spacing:
-            raise ResolutionError(
-                f"spacing={spacing:g} is too coarse for the gap of {rims.size:.3g} between rims of the manifold near "
-                f"{place(rims.point)}: it would be bridged, and what holds on the rims there would have no effect; use "
-                f"{rims.size / WIDE_GAP_SPACINGS:.2g} or less, or join the rims."
-            )
+def _check_coupled_beside_rims(layout: Layout) -> None:
+    """Raise ResolutionError if a boundary with coupled sides runs less than a spacing from a rim of the manifold."""
+    band, spacing = layout.band, layout.lattice.spacing
+    for boundary, view in zip(layout.boundaries.definitions, layout.boundaries.side_views, strict=True):
+        if boundary.condition("left").couples:
+            near = view.take((view.distance < STRIP_SPACINGS * spacing) & (band.feet.edge[view.rows] >= 0))
+            outward = unit(band.positions[near.rows] - band.feet.points[near.rows])
+            beside = near.take(np.abs(dots(outward, near.conormal)) > ALONGSIDE_COSINE)
+            if len(beside.rows):
+                width, where = beside.distance.min(), place(layout.lattice.to_scene(beside.foot[:1])[0])
+                raise ResolutionError(
+                    f"spacing={spacing:g} is too coarse for boundary {boundary.name!r}, whose sides are coupled: near "
+                    f"{where} it runs {width:.3g} from the manifold's rim; use {width / 3:.2g} or less."
+                )
 
 
 def _check_edges(scene: Scene, layout: Layout) -> None:
@@ -212,7 +197,7 @@ OFF_SURFACE_SPACINGS = 0.5
 
 
 def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:
-    """Return the warnings about a layout: its manifold, lattice, bends, sheets, rims and boundaries."""
+    """Return the warnings about a layout: its manifold, lattice, bends, sheets and boundaries."""
     spacing = layout.lattice.spacing
     advice = advice_of(layout.surface.source, spacing)
     pairs = zip(layout.boundaries.definitions, layout.boundaries.on_lattice, strict=True)
@@ -228,14 +213,24 @@ def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:
 
 
 def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
-    """Return the warnings about bends, sheets, rims and meeting boundaries of a ``layout``, for a solve at ``spacing``.
+    """Return the warnings about bends, sheets and boundaries side by side of a ``layout``, for a solve at ``spacing``.
 
     ``spacing`` is smaller than that of the layout if the layout is the coarser one of a dry run.
     """
-    names = [boundary.name for boundary in layout.boundaries.definitions]
-    places = (one.warning(names, spacing) for one in (*layout.rims, *layout.meetings))
     # near a crease another sheet may be the other flank
-    return [*(sharp_bend_warnings(layout, spacing) or _mixed_sheet_warnings(layout)), *filter(None, places)]
+    warnings = sharp_bend_warnings(layout, spacing) or _mixed_sheet_warnings(layout)
+    for pair in layout.parallel_pairs:
+        named = " and ".join(repr(layout.boundaries.definitions[number].name) for number in pair.numbers)
+        where = f"near {place(layout.lattice.to_scene(pair.point[None])[0])}"
+        if pair.same_place:
+            same = f"Boundaries {named} lie at the same place, {where}, and hold the same"
+            warnings.append(f"{same}; one of them is enough.")
+        elif pair.width < STRIP_SPACINGS * spacing:
+            warnings.append(
+                f"Boundaries {named} run side by side, {pair.width / spacing:.2g} spacings apart {where}: the strip "
+                f"between them shows a mixture of their values; a spacing of {pair.width / 3:.2g} would resolve it."
+            )
+    return warnings
 
 
 def sharp_bend_warnings(layout: Layout, spacing: float) -> list[str]:

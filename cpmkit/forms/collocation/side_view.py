@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -38,6 +39,11 @@ BLOCK_SPACINGS = 4
 #: the walk along the surface decides; if that does not either, points farther than ``NEAR_BOUNDARY_SPACINGS`` have no
 #: side.
 UNCLEAR_SIDE_COSINE = 0.5
+#: Cosine of the angle up to which two boundaries run side by side.
+ALONGSIDE_COSINE = 0.9
+#: Boundaries nearer than this many spacings enclose a strip too narrow for a stencil; nearer than the second number,
+#: curves at so many points, they are at one place.
+STRIP_SPACINGS, SAME_PLACE_SPACINGS, SAME_PLACE_SAMPLES = 1.0, 1e-3, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +173,37 @@ class BoundariesOnBand:
     #: (k,): the nodes past an edge that read their closest points, as a boundary separates them from mirror points.
     behind: Ints
     diffusivity: Data = 1.0  #: The diffusivity of the problem.
+
+
+@dataclass(frozen=True, eq=False)
+class ParallelPair:
+    """Two boundaries that run side by side, less than a spacing apart, or that lie at the same place."""
+
+    numbers: tuple[int, int]  #: Numbers of the boundaries.
+    point: Floats  #: (d,): the place where they are nearest, relative to the lattice's origin.
+    width: float  #: Their distance there.
+    same_place: bool  #: Whether they lie at the same place.
+    reversed: bool  #: Whether the left of the first boundary is the right of the second.
+
+
+def find_parallel_pairs(boundaries: BoundariesOnBand, spacing: float) -> list[ParallelPair]:
+    """Return the pairs of boundaries with sides that run side by side, less than a ``spacing`` apart."""
+    with_sides, pairs = [number for number, each in enumerate(boundaries.on_lattice) if each.has_sides], []
+    for first, second in combinations(with_sides, 2):
+        view = boundaries.side_views[first]
+        cells = np.floor(view.foot / (0.5 * spacing)).astype(np.int64)  # one point for each cell
+        view = view.take(np.sort(np.unique(cells, axis=0, return_index=True)[1]))
+        seen = boundaries.on_lattice[second].side_view(view.foot, STRIP_SPACINGS * spacing, spacing)
+        along = np.sum(view.conormal[seen.rows] * seen.conormal, axis=1)
+        beside = (np.abs(along) > ALONGSIDE_COSINE) & ~seen.end & ~view.end[seen.rows]
+        rows = np.flatnonzero(beside & (seen.distance < STRIP_SPACINGS * spacing))
+        if len(rows):
+            nearest = rows[seen.distance[rows].argmin()]
+            same = np.count_nonzero(seen.distance[rows] < SAME_PLACE_SPACINGS * spacing)
+            same_place = bool(same >= min(SAME_PLACE_SAMPLES, len(view.rows)))
+            point, width = view.foot[seen.rows[nearest]], float(seen.distance[nearest])
+            pairs.append(ParallelPair((first, second), point, width, same_place, bool(along[nearest] < 0)))
+    return pairs
 
 
 def put_on_lattice(

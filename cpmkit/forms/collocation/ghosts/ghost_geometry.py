@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.forms.collocation.row_formula import ExtraPoint, RowFormula, extrapolation_weights
-from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView
+from cpmkit.forms.collocation.side_view import ALONGSIDE_COSINE, BoundariesOnBand, BoundaryOnLattice, SideView
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import nearest_points_on_sheet
@@ -19,8 +19,6 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: Data that jump across a boundary are read at least this share of the spacing away from it, on their side.
 INSIDE_SIDE_SPACINGS = 1e-6
-#: Cosine of the angle up to which two boundaries run side by side.
-ALONGSIDE_COSINE = 0.9
 #: Data are read at this distance from the boundary, in spacings, and at twice that distance. (At 0.25 the Dziuk surface
 #: of the studies is a fifth less accurate at a spacing of 0.1.)
 SIDE_READING_SPACINGS = 0.15

@@ -23,13 +23,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpmkit.forms.collocation.ghosts.ghost_geometry import (
-    ALONGSIDE_COSINE,
-    coefficient_and_factor,
-    mirror_distance,
-)
+from cpmkit.forms.collocation.ghosts.ghost_geometry import coefficient_and_factor, mirror_distance
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula
-from cpmkit.forms.collocation.side_view import ON_BOUNDARY_SPACINGS, BoundaryOnLattice, SideView
+from cpmkit.forms.collocation.side_view import ALONGSIDE_COSINE, ON_BOUNDARY_SPACINGS, BoundaryOnLattice, SideView
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
