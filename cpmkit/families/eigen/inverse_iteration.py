@@ -201,40 +201,24 @@ def mass_unknowns(iteration: InverseIteration) -> Ints | None:
     return unknowns if len(unknowns) <= min(64, matrix.shape[0] // 2) else None
 
 
-def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int) -> EigenPairs:
-    """Return all eigenpairs with finite eigenvalues, where B is zero outside the rows and columns of ``unknowns`` (m,).
+def dense_pairs(iteration: InverseIteration, count: int, unknowns: Ints | None = None) -> EigenPairs:
+    """Return all eigenpairs with finite eigenvalues, by a dense matrix on ``unknowns`` (m,), by default all.
 
-    Raises InputError if there are fewer than ``count`` pairs. Raises ConvergenceError if a linear solve fails.
-    """
-    mass, n = iteration.mass.to_csr()[unknowns][:, unknowns].toarray(), iteration.operator.size
-    sizes, directions = np.linalg.eigh(0.5 * (mass + mass.T))
-    positive = sizes > 1e-9 * sizes.max(initial=0.0)
-    root = directions[:, positive] * np.sqrt(sizes[positive])
-    images = np.zeros((n, root.shape[1]))
-    images[unknowns] = root
-    inverted = iteration.apply_inverse(images)
-    small = root.T @ inverted[unknowns]
-    theta, vectors = np.linalg.eigh(0.5 * (small + small.T))
-    finite = np.abs(theta) > 1e-9 * np.abs(theta).max()
-    if finite.sum() < count:
-        raise InputError(
-            f"count={count} is more than the {int(finite.sum())} eigenvalues that there are: lambda stands in the "
-            "conditions of so few points; ask for these."
-        )
-    return EigenPairs(iteration.shift + 1 / theta[finite], inverted @ (vectors[:, finite] / theta[finite]))
-
-
-def dense_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
-    """Return all eigenpairs with finite eigenvalues of a problem with few unknowns, by a dense matrix.
-
-    Raises InputError if there are fewer than ``count`` pairs. Raises ConvergenceError if a linear solve fails.
+    B must be zero outside the rows and columns of the unknowns. Raises InputError if there are fewer than ``count``
+    pairs. Raises ConvergenceError if a linear solve fails.
     """
     n = iteration.operator.size
-    theta, vectors = np.linalg.eig(iteration.step(np.eye(n)))
+    rows = np.arange(n) if unknowns is None else unknowns
+    columns = np.zeros((n, len(rows)))
+    columns[rows, np.arange(len(rows))] = 1.0
+    steps = iteration.step(columns)
+    theta, vectors = np.linalg.eig(steps[rows])
     finite = np.abs(theta) > 1e-9 * np.abs(theta).max()
     if finite.sum() < count:
+        found = f"count={count} is more than the {int(finite.sum())} eigenvalues"
+        if unknowns is not None:
+            raise InputError(f"{found} that there are: lambda is in the conditions of so few points; ask for these.")
         raise InputError(
-            f"count={count} is more than the {int(finite.sum())} eigenvalues of a mesh or lattice with {n} unknowns; "
-            "ask for fewer, or use a finer mesh or a smaller spacing."
+            f"{found} of a mesh or lattice with {n} unknowns; ask for fewer, or use a finer mesh or a smaller spacing."
         )
-    return EigenPairs(iteration.shift + 1 / theta[finite], vectors[:, finite])
+    return EigenPairs(iteration.shift + 1 / theta[finite], steps @ (vectors[:, finite] / theta[finite]))

@@ -18,7 +18,6 @@ from cpmkit.families.eigen.inverse_iteration import (
     arpack_pairs,
     dense_pairs,
     mass_unknowns,
-    pairs_of_small_mass,
     prepare_inverse_iteration,
 )
 from cpmkit.forms.contract import Discretized
@@ -79,7 +78,7 @@ def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:
     """
     unknowns = mass_unknowns(iteration)
     if unknowns is not None:
-        return pairs_of_small_mass(iteration, unknowns, problem.count)
+        return dense_pairs(iteration, problem.count, unknowns)
     # Further pairs are computed so that no pair of a multiple eigenvalue is missed, and as the last ones of a block
     # converge slowly.
     n, count = iteration.operator.size, problem.count + 6
