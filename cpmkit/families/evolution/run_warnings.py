@@ -209,22 +209,18 @@ def _unresolved_wave_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.
             "The solution consists of waves of two spacings, which do not solve the equation: they grew from what the "
             "spacing does not resolve; use a smaller spacing, smoother data, or scheme 'implicit' with a longer step."
         ]
-    if _mean_frequency(problem, history) * problem.form.spacing <= 0.5 * np.pi * evolution.speed:  # a quarter of a wave
-        return []
-    return [
-        "The solution consists of waves of four spacings or less, which the spacing does not resolve; use a smaller "
-        "spacing, smoother data, or scheme 'implicit' with a longer step."
-    ]
-
-
-def _mean_frequency(problem: semidiscrete.SemiDiscrete, history: semidiscrete.History) -> float:
-    """Return a wave's frequency in the last step, the root of the rms of u_tt over that of u; 0 where u is zero."""
     before, now = history[-2:]
     assert before.rate is not None
     assert now.rate is not None
     pair = ((now.rate - before.rate) / now.length, 0.5 * (before.u + now.u))
     acceleration, size = (float(np.trace(problem.form.inner(values, values))) for values in pair)
-    return float((acceleration / size) ** 0.25) if size > 0 else 0.0
+    frequency = (acceleration / size) ** 0.25 if size > 0 else 0.0  # the root of the rms of u_tt over that of u
+    if frequency * problem.form.spacing <= 0.5 * np.pi * evolution.speed:  # a quarter of a wave
+        return []
+    return [
+        "The solution consists of waves of four spacings or less, which the spacing does not resolve; use a smaller "
+        "spacing, smoother data, or scheme 'implicit' with a longer step."
+    ]
 
 
 def _missed_rest_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:

@@ -87,22 +87,16 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
 
 
 def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of ``step`` by Crank-Nicolson, from the last of the moments ``history``."""
+    """Return the moment at the end of ``step`` by Crank-Nicolson, from the last of the moments ``history``.
+
+    With a smooth start the first step is two half steps of backward Euler, with the same matrix.
+    """
+    if len(history) == 1 and getattr(problem.form.scene.problem, "start", "") == "smooth":
+        return euler_half_steps(problem, solver, history, step)
     half, u = 0.5 * step.length, history[-1].u
     solver.tally.operator_applications += u.shape[1]
     right_side = problem.apply_mass(u) + half * (problem.net_forcing(u, step.start) + problem.forcing(step.end))
     return Moment(solver.solve(half, right_side, extrapolate_in_time(history, step.length)), None, step.length)
-
-
-def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Return the moment at the end of ``step`` by Crank-Nicolson, of the first step by two half steps.
-
-    The half steps are of backward Euler, and have the same matrix as the step of Crank-Nicolson. ``history`` has the
-    moments so far.
-    """
-    if len(history) > 1:
-        return crank_nicolson(problem, solver, history, step)
-    return euler_half_steps(problem, solver, history, step)
 
 
 def euler_half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
@@ -198,7 +192,7 @@ Scheme = Callable[[SemiDiscrete, ShiftedSolver, History, Step], Moment]
 SCHEMES: dict[str, Scheme] = {
     "backward-euler": backward_euler,
     "bdf2": bdf2,
-    "crank-nicolson": damped_crank_nicolson,
+    "crank-nicolson": crank_nicolson,
     "leapfrog": leapfrog,
     "implicit": implicit_wave,
     "newmark": newmark,
@@ -260,8 +254,6 @@ def _run_steps(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> R
     """Take all steps, or those up to rest, from the start or a checkpoint; write checkpoints; return the last state."""
     target, total, evolution = context.checkpointing, len(plan.steps), plan.evolution
     scheme = SCHEMES[evolution.scheme]
-    if scheme is damped_crank_nicolson and getattr(evolution, "start", "") == "plain":
-        scheme = crank_nicolson
     check_growth = growth_check(plan)
     state = RunState(0, (plan.start,))
     if plan.start.time in evolution.frame_times:
