@@ -7,6 +7,7 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -115,13 +116,7 @@ def main() -> None:
     type=click.Choice(["solution", "error"]),
     help="What the picture of the file shows: the solution, or its estimated error; overrides the file's.",
 )
-@click.option(
-    "--look",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="How the picture of the file looks, such as cmap=magma, clim=[0,1], isolines=8, up=y; overrides the file's. "
-    "May be given several times.",
-)
+@group.look_option
 @group.json_option
 @click.option(
     "--quiet", is_flag=True, help="Show neither progress nor a summary; warnings and errors go to standard error."
@@ -130,10 +125,6 @@ def main() -> None:
 def solve(
     scene: Path,
     spacing: float | None,
-    tolerance: float | None,
-    norm: str | None,
-    seconds: float | None,
-    memory: str | None,
     estimate: bool | None,
     backend: str,
     degree: int | None,
@@ -144,6 +135,7 @@ def solve(
     look: tuple[str, ...],
     as_json: bool,
     quiet: bool,
+    **target: Any,
 ) -> None:
     """Solve a scene and write the files of its [output]: solutions, a picture, a summary.
 
@@ -161,7 +153,6 @@ def solve(
             loaded = load_scene(scene)
             folder, request = output or loaded.output.folder, group.edit_look(loaded.output, field, look, estimate)
             check_request(request, loaded.scene.surface, folder, solution_channels(loaded.scene))
-            target = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
             spacing, options = group.spacing_and_options(loaded, spacing, **target, degree=degree)
             if backend != "cpm":
                 options = {"backend": backend, **backend_independent_options(options, backend)}

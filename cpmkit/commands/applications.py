@@ -23,13 +23,7 @@ application_options = group.add_options(
     group.scene_argument,
     group.spacing_option,
     group.output_option,
-    click.option(
-        "--look",
-        multiple=True,
-        metavar="KEY=VALUE",
-        help="How the picture of the file looks, such as width=600, up=y; overrides the file's. May be given "
-        "several times.",
-    ),
+    group.look_option,
     group.json_option,
     click.option("--quiet", is_flag=True, help="Show neither progress nor a summary; warnings are still shown."),
     group.traceback_option,

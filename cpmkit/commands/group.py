@@ -188,6 +188,15 @@ output_option = click.option(
 )
 
 
+look_option = click.option(
+    "--look",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="How the picture of the file looks, such as cmap=magma, clim=[0,1], isolines=8, up=y; overrides the file's. "
+    "May be given several times.",
+)
+
+
 def add_options(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
     """Return a decorator that adds several options of click to a command, in the order in which help lists them."""
 
