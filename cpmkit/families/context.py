@@ -60,16 +60,6 @@ class PreparedKeywords(CheckpointingKeywords, total=False):
     guess: SolutionRecord | None
 
 
-class TargetKeywords(TypedDict, total=False):
-    """Keyword arguments for the target; see :class:`cpmkit.forms.options.AccuracyTarget`."""
-
-    tolerance: float | None
-    norm: str
-    seconds: float | None
-    memory: float | str | None
-    estimate: bool | Literal["tight"] | None
-
-
 class PreparingKeywords(DiscretizingKeywords, total=False):
     """Keyword arguments of ``prepare``, ``explain`` and ``estimate_error``, with those for the linear solver."""
 
@@ -78,9 +68,14 @@ class PreparingKeywords(DiscretizingKeywords, total=False):
     max_iterations: int
 
 
-class SolvingKeywords(TargetKeywords, PreparingKeywords, CheckpointingKeywords, total=False):
-    """Keyword arguments of ``solve``, beside its back end."""
+class SolvingKeywords(PreparingKeywords, CheckpointingKeywords, total=False):
+    """Keyword arguments of ``solve``, beside its back end; targets are :class:`cpmkit.forms.options.AccuracyTarget`."""
 
+    tolerance: float | None
+    norm: str
+    seconds: float | None
+    memory: float | str | None
+    estimate: bool | Literal["tight"] | None
     progress: ShownProgress
 
 
