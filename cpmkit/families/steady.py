@@ -14,7 +14,7 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.linear.operators import LinearSystem, PreparedSolver, Stiffness
 from cpmkit.linear.preconditioned import stop_by_preconditioned_residual
 from cpmkit.linear.residuals import SolveReport
-from cpmkit.scene.diffusivities import StateDiffusivity, mean_diffusivity
+from cpmkit.scene.diffusivities import mean_diffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.solution.modes import Resonance
@@ -160,7 +160,7 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
     terms = context.scene.problem.terms()
     square = squared_wavenumber(terms)
     linear = not any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)
-    linear = linear and not isinstance(terms.diffusivity, StateDiffusivity)
+    linear = linear and not getattr(terms.diffusivity, "needs_state", False)
     steady = linear and form.scene.problem.family == "steady" and terms.velocity is None
     if not steady or is_nonnegative(form) or (not square and "gradients" in form.cannot):
         return [], None

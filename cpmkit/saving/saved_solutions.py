@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, Unpack, cast
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -302,8 +302,7 @@ def save_frames(solution: SolutionRecord, path: Path) -> None:
     earlier series are removed last, so that all files of an index exist. Raises InputError if the solution has no
     frames, or a file cannot be written.
     """
-    frames = frames_of(solution, path.name)
-    assert isinstance(solution, EvolvedRecord)
+    frames, evolved = frames_of(solution, path.name), cast("EvolvedRecord", solution)
     folder = frames_folder(path)
     unfinished = unfinished_name(folder)
     names = [_numbered_path(Path("frame.vtp"), number, len(frames)).name for number in range(len(frames))]
@@ -311,7 +310,7 @@ def save_frames(solution: SolutionRecord, path: Path) -> None:
         with explain_system_error(f"{folder} cannot be written"):
             remove_leftovers(folder)
             unfinished.mkdir()
-            for name, mesh in zip(names, solution.frame_meshes(), strict=True):
+            for name, mesh in zip(names, evolved.frame_meshes(), strict=True):
                 write_vtp(mesh, unfinished / name)
             folder.mkdir(exist_ok=True)
             for name in names:

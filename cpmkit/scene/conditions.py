@@ -15,7 +15,7 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, whole
 from cpmkit.scene.data import Data, is_sequence, is_zero, read_formulas, takes_time
-from cpmkit.scene.laws import Flux, Interface, Law, Mixed, OneSided, Value
+from cpmkit.scene.laws import Flux, Law, Mixed, OneSided, Value
 
 if TYPE_CHECKING:
     from cpmkit.scene.equations import Equation
@@ -219,8 +219,8 @@ def depends_on_sides(left: Condition, right: Condition) -> bool:
     ``left`` and ``right`` are the conditions on the sides. The solution does not depend on the choice if they are the
     same condition, or one coupling with equal conductivities and no jump.
     """
-    law = left.law
-    if isinstance(law, Interface):
+    law: Any = left.law
+    if law.couples:
         return law.left != law.right or not is_zero(law.jump)
     return not same_condition(left, right)
 

@@ -34,8 +34,7 @@ class TensorOfEntries:
 
     def __call__(self, points: Floats) -> Floats:
         """Return the tensors (n, d, d) at points (n, d)."""
-        entries = [evaluate_data(list(row), points, len(row), "a row of a tensor") for row in self.rows]
-        return np.stack(entries, axis=1)
+        return np.stack([evaluate_data(row, points, len(row), "a row of a tensor") for row in self.rows], axis=1)
 
 
 def as_diffusivity(value: Any, label: str) -> Any:
@@ -55,10 +54,10 @@ def as_diffusivity(value: Any, label: str) -> Any:
             f"{label} must be a number above zero, a function of points such as ck.VertexData(surface, values), or a "
             f"symmetric tensor of 2 by 2 or 3 by 3 entries, got {shown(value)}."
         )
+    entries = TensorOfEntries(tuple(map(tuple, rows)))
     if any(callable(entry) for row in rows for entry in row):
-        return TensorOfEntries(tuple(map(tuple, rows)))
-    constant = TensorOfEntries(tuple(map(tuple, rows)))(np.zeros((1, len(rows))))
-    tensor = _symmetric(constant, label)[0]
+        return entries
+    tensor = _symmetric(entries(np.zeros((1, len(rows)))), label)[0]
     tensor.flags.writeable = False
     return tensor
 

@@ -103,7 +103,7 @@ def as_edge(value: Any) -> Any:
     # A list of data has an entry for each channel.
     if is_sequence(value) and any(isinstance(entry, Condition) or _is_pair(entry) for entry in value):
         return ByPosition(tuple(_as_part(entry, k, k == len(value) - 1) for k, entry in enumerate(value)))
-    return value if isinstance(value, ByPosition) else as_condition(value)
+    return as_condition(value)
 
 
 def loops_of_edge(edge: EdgeConditions) -> dict[int | None, ByPosition]:

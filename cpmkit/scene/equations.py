@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.plugins import check_accepted
 from cpmkit.runtime.arrays import not_negative, number, positive
-from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import Data, ScalarData, TensorData, read_formulas
 from cpmkit.scene.diffusivities import as_diffusivity
@@ -110,14 +110,9 @@ class Equation(Generic[Family]):
 
     def __new__(cls, *_: Any, **keys: Any) -> Self:
         """Return an equation whose fields are not set yet; raise SceneError for a key that is none of its fields."""
-        accepted = inspect.signature(cls.__init__).parameters if keys else {}
-        unknown = next((key for key in keys if key not in accepted), None)
-        if unknown is not None and all(each.kind is not each.VAR_KEYWORD for each in accepted.values()):
-            names = list(accepted)[1:]
-            raise SceneError(
-                f"{cls.__name__} has the unknown key {shown(unknown)}{did_you_mean(unknown, names)}; accepted are "
-                f"{', '.join(names)}."
-            )
+        parameters = dict(inspect.signature(cls.__init__).parameters) if keys else {}
+        if all(each.kind is not each.VAR_KEYWORD for each in parameters.values()):
+            check_accepted(cls.__name__, keys, [*parameters][1:])
         return super().__new__(cls)
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ from cpmkit.errors import SceneError
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import source
 from cpmkit.runtime.arrays import as_points
+from cpmkit.scene.data import is_sequence
 
 
 @runtime_checkable
@@ -45,7 +46,7 @@ def as_source(mesh: Any) -> Any:
     """
     if callable(getattr(mesh, "closest_point", None)):
         return mesh
-    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
+    if is_sequence(mesh) and len(mesh) == 2:
         return _mesh_source(*mesh)
     if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):  # tensor meshes of open3d
         return _mesh_source(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())

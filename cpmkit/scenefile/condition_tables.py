@@ -189,13 +189,6 @@ def _read_scalar(value: Any, dim: int, where: str) -> Any:
     return read_data(value, dim, where)
 
 
-def _read_channels(value: Any, dim: int, where: str) -> Any:
-    """Return a number or formula, or a list of them by channel, as :func:`read_data` does, with its errors."""
-    if not is_sequence(value):
-        return read_data(value, dim, where)
-    return [_read_scalar(entry, dim, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
-
-
 def _read_tensor(value: Any, dim: int, where: str) -> Any:
     """Return a scalar or tensor as :func:`read_data` does; SceneError for a list that is not ``dim`` by ``dim``."""
     if is_sequence(value) and [is_sequence(row) and len(row) for row in value] != [dim] * dim:
@@ -223,7 +216,11 @@ def read_vector(value: Any, dim: int, where: str, count: int | None = None) -> A
 #: dimension of the space, and the name of the key in messages.
 DATA_READERS: dict[str, Callable[..., Any]] = {
     "Data": read_data,
-    "ChannelData": _read_channels,
+    "ChannelData": lambda value, dim, where: (
+        [_read_scalar(entry, dim, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
+        if is_sequence(value)
+        else read_data(value, dim, where)
+    ),
     "ScalarData": _read_scalar,
     "TensorData": _read_tensor,
     "VectorField": read_vector,

@@ -36,19 +36,16 @@ from cpmkit.scenefile.scene_files import read_options, read_scene
 from cpmkit.studies.sweep import TARGETS, Sweep, listed_options, read_sweep
 
 
-def expand_names(table: Any) -> dict[str, str]:
+def expand_names(table: Mapping[str, Any]) -> dict[str, str]:
     """Return the formulas of a table [let] by name; a formula has those of earlier names in place of the names.
 
-    Raises SceneError if [let] is no table, a name is reserved or invalid, a value is no formula, or a formula becomes
-    too long.
+    Raises SceneError if a name is reserved or invalid, a value is no formula, or a formula becomes too long.
 
     Examples
     --------
     >>> expand_names({"r": "x + y", "double": "2*r"})
     {'r': 'x + y', 'double': '2*(x + y)'}
     """
-    if not isinstance(table, dict):
-        raise SceneError(f"[let] must be a table of names and formulas, got {shown(table)}.")
     known: dict[str, str] = {}
     for name, formula in table.items():
         reserved = name in (*COORDINATES, *CONSTANTS, *FUNCTIONS, "t") or iskeyword(name)
@@ -95,13 +92,14 @@ def expand_all(value: Any, known: Mapping[str, str], formulas: bool = True) -> A
     names and stay; tables there, such as the sources of a union, have formulas. Without ``formulas`` the value is taken
     as one under such a key.
     """
-    if isinstance(value, str):
-        return expand_formula(value, known) if formulas else value
-    if isinstance(value, list):
-        return [expand_all(entry, known, formulas) for entry in value]
-    if isinstance(value, dict):
-        named = ("kind", "name", "file", "values", "of", "closest", "scheme", "start")
-        return {key: expand_all(entry, known, key not in named) for key, entry in value.items()}
+    match value:
+        case str():
+            return expand_formula(value, known) if formulas else value
+        case list():
+            return [expand_all(entry, known, formulas) for entry in value]
+        case dict():
+            named = ("kind", "name", "file", "values", "of", "closest", "scheme", "start")
+            return {key: expand_all(entry, known, key not in named) for key, entry in value.items()}
     return value
 
 
@@ -225,15 +223,15 @@ def _named_files(value: Any, folder: Path) -> Iterator[Path]:
     They are searched as in :func:`find_file`, first in ``folder``; texts for which it finds none are passed over. A
     formula that equals the name of a file counts too: a change of the file repeats runs without need.
     """
-    if isinstance(value, str):
-        with suppress(InputError, OSError, ValueError):  # not the name of a file
-            yield find_file(value, folder)
-    elif isinstance(value, list):
-        for entry in value:
-            yield from _named_files(entry, folder)
-    elif isinstance(value, Mapping):
-        for _, entry in sorted(value.items(), key=lambda item: item[0] != "file"):
-            yield from _named_files(entry, folder)
+    match value:
+        case str():
+            with suppress(InputError, OSError, ValueError):  # not the name of a file
+                yield find_file(value, folder)
+        case list():
+            for entry in value:
+                yield from _named_files(entry, folder)
+        case dict():
+            yield from _named_files([value[key] for key in sorted(value, key=lambda key: key != "file")], folder)
 
 
 def _file_digest(file: Path) -> str:
