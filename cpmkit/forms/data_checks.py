@@ -20,7 +20,7 @@ import numpy as np
 
 from cpmkit.errors import CpmkitError, place
 from cpmkit.linear.operators import Border, Bordered, Operator
-from cpmkit.scene.data import Functional, evaluate_data
+from cpmkit.scene.data import Functional, evaluate_data, is_sequence
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.equations import Elliptic, ScreenedPoisson, Terms
 from cpmkit.scene.scene import Scene
@@ -311,7 +311,12 @@ def _variation_warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Ite
     values = _values_at_points(scene, data)
     places = data.points if data.normals is None else np.hstack([data.points, spacing * data.normals])
     share = 0.0 if values is None else nugget(values, places, spacing)
-    if share > UNRESOLVED_NUGGET and not _is_rounding(scene, data, values, spacing):
+    if values is None or not share > UNRESOLVED_NUGGET:
+        return
+    # data are zero up to rounding, as x is on a side at x = 0, if they change by many times their size at points nearby
+    step = MOVED_SPACINGS * spacing * np.array(MOVED)[: data.points.shape[1]]
+    moved = _values_at_points(scene, data._replace(points=data.points + step))
+    if moved is None or not np.abs(moved - values).max() > ROUNDING_CHANGE * np.abs(values).max():
         yield (
             f"{data.label[0].upper()}{data.label[1:]} varies within a spacing, by about {min(share, 1.0):.0%} of its "
             f"size: at spacing={spacing:g} it is read at too few points to resolve it, and the solution may be off by "
@@ -320,22 +325,12 @@ def _variation_warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Ite
         )
 
 
-def _is_rounding(scene: Scene, data: DataAtPoints, values: Any, spacing: float) -> bool:
-    """Return whether data with ``values`` (k, channels) are zero up to rounding, as ``x`` is on a side at x = 0.
-
-    They are if moving their points by a tiny share of ``spacing`` changes them by many times their size.
-    """
-    step = MOVED_SPACINGS * spacing * np.array(MOVED)[: data.points.shape[1]]
-    moved = _values_at_points(scene, data._replace(points=data.points + step))
-    return moved is not None and float(np.abs(moved - values).max()) > ROUNDING_CHANGE * float(np.abs(values).max())
-
-
 def _values_at_points(scene: Scene, data: DataAtPoints) -> Floats | None:
     """Return the values (k, channels) of data at their points; None unless they are a function of points alone.
 
     Numbers, functions of u and integrals give None, as do a function that refuses these points, and no points.
     """
-    function, entries = data.data, data.data if isinstance(data.data, (list, tuple)) else (data.data,)
+    function, entries = data.data, data.data if is_sequence(data.data) else (data.data,)
     fixed = isinstance(function, Functional) or getattr(function, "needs_state", False) or hasattr(function, "form")
     if fixed or not any(map(callable, entries)) or not len(data.points):
         return None

@@ -24,7 +24,7 @@ from cpmkit.linear.residuals import SolveReport
 from cpmkit.runtime.memory import ENTRY_BYTES
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.laws import Interface, Law
+from cpmkit.scene.laws import Law
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats, Ints, Progress, SparseMatrix, no_progress
 
@@ -189,7 +189,7 @@ def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretizat
     several loops or sides; also SceneError or ResolutionError if :func:`check_layout` refuses the new data.
     """
     laws = list(zip(_labelled_laws(old), _labelled_laws(new), strict=True))
-    coupled = [law for (_, law), _ in laws if isinstance(law, Interface) and None in (law.left, law.right)]
+    coupled = [law for (_, law), _ in laws if law.couples and None in law.factors]
     if coupled and old.problem.terms().diffusivity != new.problem.terms().diffusivity:
         raise SceneError(
             "the tables hold the diffusivity of the equation that they were made for, on both sides of a transmission; "

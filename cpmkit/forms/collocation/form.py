@@ -34,7 +34,6 @@ from cpmkit.linear.residuals import SolveReport
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.scene.data import Data
-from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.edge_conditions import parts_of_edge
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
@@ -325,15 +324,11 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
     These are tensor or state-dependent diffusivities, edge conditions by position and conservative velocities.
     """
     del options
-    if scene.has_tensor:
+    needs_state = getattr(scene.problem.terms().diffusivity, "needs_state", False)
+    if scene.has_tensor or needs_state:
         raise SceneError(
-            "the form 'collocation' has no diffusivity that is a tensor: its differences along the axes hold no mixed "
-            f"derivatives, which {scene.problem.kind!r} needs; use form='galerkin'."
-        )
-    if isinstance(scene.problem.terms().diffusivity, StateDiffusivity):
-        raise SceneError(
-            "the form 'collocation' has no diffusivity that depends on u: beside boundaries it continues a diffusivity "
-            f"as a function of position, which that of {scene.problem.kind!r} is not; use form='galerkin'."
+            f"the form 'collocation' has no diffusivity that {'depends on u' if needs_state else 'is a tensor'}, which "
+            f"{scene.problem.kind!r} needs; use form='galerkin'."
         )
     if any(part.where is not None for part, _ in parts_of_edge(scene.edge)):
         raise SceneError(

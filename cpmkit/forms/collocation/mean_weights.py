@@ -47,18 +47,6 @@ def mean_weights(tables: Discretization) -> Floats:
     return bump * _tail_weights(beyond)
 
 
-def _end_weights(tables: Discretization) -> Floats:
-    """Return the weight (n,) of each unknown in sums of the fluxes through ends.
-
-    The datum of an unknown t past an end is ``2 t gamma`` for a flux gamma. The weighted sum of the data, divided by
-    the sum of :func:`mean_weights` and by the square of the spacing, is the flux through all ends over the component's
-    measure.
-    """
-    bump, beyond = _bumps_and_distances_past_ends(tables)
-    t = np.clip(beyond, LEAST_END_DISTANCE_SPACINGS, TAIL_SPACINGS)
-    return bump * np.minimum(0.5, 0.5 * (TAIL_SPACINGS - t) / t)
-
-
 def _bumps_and_distances_past_ends(tables: Discretization) -> tuple[Floats, Floats]:
     """Return two factors (n,) of quadrature weights: the bump at each unknown, and how far it is past an end.
 
@@ -71,7 +59,11 @@ def _bumps_and_distances_past_ends(tables: Discretization) -> tuple[Floats, Floa
     offset = (band.positions - band.feet.points)[:inner]
     past = _distances_past_edge(tables, offset)
     distance = np.sqrt(np.maximum(np.sum(offset**2, axis=1) - past**2, 0.0))
-    at_nodes = _kaiser_bessel_window(distance / reach, band.degree)
+    # The spectrum of the Kaiser-Bessel window is zero at the lattice's own frequency and below 1e-3 of its peak at all
+    # higher frequencies, so that sums hardly depend on the position of the lattice.
+    shape = np.pi * np.sqrt((band.degree + 1.0) ** 2 - 1.0)
+    window = np.i0(shape * np.sqrt(np.maximum(1.0 - (distance / reach) ** 2, 0.0))) / np.i0(shape)
+    at_nodes = np.where(distance < reach, window, 0.0)
     bumps, beyond = [at_nodes], [past / band.spacing]
     for view, ghosts in zip(tables.layout.boundaries.side_views, tables.layout.ghosts, strict=True):
         of_node = np.full(len(band.nodes), TAIL_SPACINGS)
@@ -99,17 +91,6 @@ def _distances_past_edge(tables: Discretization, offset: Floats) -> Floats:
     past = np.zeros(len(offset))
     past[rows] = np.maximum(2 * along - length, 0.0)
     return past
-
-
-def _kaiser_bessel_window(distance: Floats, degree: int) -> Floats:
-    """Return the Kaiser-Bessel window at ``distance`` (n,) in units of its radius of ``(degree + 1) / 2`` spacings.
-
-    Its spectrum is zero at the lattice's own frequency and below 1e-3 of its peak at all higher frequencies, so that
-    sums hardly depend on the position of the lattice.
-    """
-    shape = np.pi * np.sqrt((degree + 1.0) ** 2 - 1.0)
-    inside = np.i0(shape * np.sqrt(np.maximum(1.0 - distance**2, 0.0))) / np.i0(shape)
-    return np.where(distance < 1.0, inside, 0.0)
 
 
 def _tail_weights(beyond: Floats) -> Floats:
@@ -186,7 +167,11 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
     total = np.maximum(indicator.T @ np.maximum(mean_weights(tables), 0.0), np.finfo(float).tiny)[:, None]
     is_node = (np.arange(len(f)) < tables.layout.band.inner) * 1.0
     mean_f = (indicator.T @ (is_node[:, None] * f)) / (indicator.T @ is_node)[:, None]
-    flux = indicator.T @ (_end_weights(tables)[:, None] * fluxes) * conductivity / total
+    # the datum of an unknown t past an end is 2 t gamma for a flux gamma
+    bump, beyond = _bumps_and_distances_past_ends(tables)
+    t = np.clip(beyond, LEAST_END_DISTANCE_SPACINGS, TAIL_SPACINGS)
+    end_weights = bump * np.minimum(0.5, 0.5 * (TAIL_SPACINGS - t) / t)
+    flux = indicator.T @ (end_weights[:, None] * fluxes) * conductivity / total
     return np.asarray(mean_f + flux)
 
 

@@ -184,7 +184,9 @@ def _edge_formula(
         on = mirror(foot - beyond)
         return RowFormula(on.points, np.ones(len(rows)), feet=on)
     conormals = outward_conormals(surface, feet, 0.5 * band.spacing)
-    outward = _exact_conormals(surface, feet, conormals, beyond, band.spacing)
+    length = np.linalg.norm(beyond, axis=1, keepdims=True)  # on solids offsets have the direction of the conormals
+    straight = (surface.dimensions_at(feet) == surface.dim)[:, None] & (length > ON_BOUNDARY_SPACINGS * band.spacing)
+    outward = np.where(straight, beyond / np.where(straight, length, 1.0), conormals)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
     on = mirror(foot - beyond - (mirror_distance(law, t, band.spacing) - t)[:, None] * outward)
     where = lattice.to_scene(foot)
@@ -230,17 +232,6 @@ def _corner_data(
             rows, where = corner.rows[k], lattice.to_scene(corner.points[k, side])
             data.append(BoundaryData(rows, shares[k, side], where, law.datum, datum.label, law, at_corners=True))
     return [datum.renumber(away_from_corners), *data]
-
-
-def _exact_conormals(
-    surface: LocalSource, edge: ClosestPoints, conormals: Floats, beyond: Floats, spacing: float
-) -> Floats:
-    """Return outward unit ``conormals`` (n, d); on solids the directions of the offsets ``beyond`` (n, d), if not 0."""
-    straight = surface.dimensions_at(edge) == surface.dim
-    straight &= np.linalg.norm(beyond, axis=1) > ON_BOUNDARY_SPACINGS * spacing
-    outward = conormals.copy()
-    outward[straight] = beyond[straight] / np.linalg.norm(beyond[straight], axis=1, keepdims=True)
-    return outward
 
 
 def nodes_behind_boundaries(
