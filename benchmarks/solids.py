@@ -1,4 +1,4 @@
-"""Solids by both forms: errors for every condition, on corners, slabs and meshes, eigenvalues, and the total of heat.
+"""Solids by both forms: errors on corners, slabs and meshes, eigenvalues, total of heat, boundaries inside.
 
 Run ``python benchmarks/solids.py``, which prints and writes tables/solids.md, or with ``--quick``, which prints the
 rows of solids in the plane at one position. It needs ``pip install . ./plugins/*`` and this repository's folder
@@ -24,6 +24,7 @@ sys.path[:0] = [str(Path(__file__).parents[1] / "tests")]
 
 from exact_eigenvalues import ball_eigenvalues, cube_eigenvalues  # noqa: E402
 from row_tables import print_and_write  # noqa: E402
+from solid_boundaries import SCENES, BoundaryScene  # noqa: E402
 from solid_shapes import (  # noqa: E402
     BALL,
     CONDITIONS,
@@ -99,10 +100,15 @@ def short(value: float) -> str:
 def error_row(solid: Solid, kind: str, spacing: float, positions: int) -> list[str]:
     """Return the cells of a smooth solution's row."""
     ours, other = ([solved(solid, SMOOTH, kind, spacing, form, k) for k in range(positions)] for form in FORMS)
+    return row_of(solid.name, kind, spacing, ours, other)
+
+
+def row_of(name: str, data: str, spacing: float, ours: list[Solved], other: list[Solved]) -> list[str]:
+    """Return the cells of a row from what both forms found at several positions."""
     errors = [short(max(one.error for one in found)) for found in (ours, other)]
     ratios = [one.ratio for one in ours]
     work = [str(max(one.iterations for one in ours)), f"{min(ratios):.2f} to {max(ratios):.2f}"]
-    return [solid.name, kind, f"{spacing:g}", *errors, *work]
+    return [name, data, f"{spacing:g}", *errors, *work]
 
 
 def worst(measure: Callable[[str, int], float], form: str, positions: int) -> float:
@@ -139,6 +145,30 @@ def other_cases() -> Iterator[tuple[Solid, str, float, Any]]:
         yield solid, f"total of heat, {STEPS} steps", h, partial(heat_drift, solid, h)
 
 
+def solved_with_boundary(case: BoundaryScene, spacing: float, form: str, position: int) -> Solved:
+    """Solve a scene with a boundary inside."""
+    scene, exact, points = case.placed(position)
+    shift = spacing * np.random.default_rng(position).uniform(0.0, 1.0, scene.surface.dim)
+    try:
+        solution = ck.solve(
+            scene, spacing, form=form, origin=shift, **({"solver": "multigrid"} if form == "galerkin" else {})
+        )
+        u = exact(points)
+        errors, estimate = np.abs(solution.evaluate(points) - u) / np.ptp(u), solution.error
+        error = float(case.norm(errors))
+        return Solved(error, solution.report.iterations, estimate.of("max" if case.norm is np.max else "rms") / error)
+    except CpmkitError:
+        return Solved(np.nan)
+
+
+def boundary_rows(quick: bool) -> Iterator[list[str]]:
+    """Yield the cells of the rows of scenes with boundaries inside."""
+    for case in SCENES:
+        for spacing in case.spacings if case.placed(0)[0].surface.dim == 2 or not quick else ():
+            found = [[solved_with_boundary(case, spacing, form, k) for k in range(1 if quick else 4)] for form in FORMS]
+            yield row_of(case.name, case.data, spacing, *found)
+
+
 def rows(quick: bool) -> Iterator[list[str]]:
     """Yield the cells of all rows, or of those in the plane at one position."""
     for solid, kind, spacing, positions in error_cases():
@@ -148,6 +178,7 @@ def rows(quick: bool) -> Iterator[list[str]]:
         if solid.source.dim == 2 or not quick:
             errors = [worst(measure, form, 1 if quick else 4) for form in FORMS]
             yield [solid.name, data, f"{spacing:g}", *map(short, errors), "", ""]
+    yield from boundary_rows(quick)
 
 
 if __name__ == "__main__":

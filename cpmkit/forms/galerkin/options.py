@@ -173,7 +173,6 @@ def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
         f"refine='off' on {on}": own["refine"] != "off",
         f"tips='extended' on {on}": own["tips"] != "extended",
         f"samples='auto' on {on}": own["samples"] == "plain",
-        "no boundaries inside solids of unions": len(dims) > 1 and bool(_boundaries_in_solid(scene)),
         "curves in a plane solid, or surfaces in one in space, as boundaries inside": any(
             not oriented.has_sides for oriented in _boundaries_in_solid(scene)
         ),

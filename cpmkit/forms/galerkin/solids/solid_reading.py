@@ -49,8 +49,8 @@ class SolidLocator:
         Points on boundary b are evaluated on ``side_of[b]``, by default left.
         """
         points, spacing, patches = feet.points, self.sampled.lattice.spacing, self.sampled.patches
-        aside = self._moved_aside(points, side_of)
-        patch = patches.patches_at(np.floor(points / spacing + 0.5).astype(np.int64), aside / spacing)
+        aside = self._moved_aside(points, side_of) / spacing
+        patch = patches.patches_at(np.floor(aside + 0.5).astype(np.int64), aside)
         missing = np.flatnonzero(patch < 0)  # on the skin, in a cell that it only touches
         if len(missing):
             boundary = self.sampled.boundary

@@ -97,7 +97,7 @@ def _taken_edge(scene: Scene, numbers: Sequence[int], form: Galerkin) -> Ints:
         if meeting.how == "points":
             near = np.min([norms(points - at) for at in meeting.places], axis=0)
             on |= boundary.on_rim & (near <= reach)
-        elif meeting.higher in numbers and not form.space.splines.samples.codim:
+        elif meeting.how != "within" and meeting.higher in numbers and not form.space.splines.samples.codim:
             skin = members[meeting.higher]
             feet = skin.skin.closest_point(points) if isinstance(skin, HasSkin) else None
             at = points if feet is None else np.where((feet.distance <= reach)[:, None], feet.points, points)
@@ -108,11 +108,10 @@ def _taken_edge(scene: Scene, numbers: Sequence[int], form: Galerkin) -> Ints:
 def _contact(scene: Scene, high: UnionPart, low: UnionPart) -> Contact | None:
     """Return the contact of two parts whose dimensions differ by one; None if they do not touch."""
     form = high.form
-    if form.space.splines.samples.codim:
-        cuts = conditions_with_law(form.conditions, JunctionLaw)
-        rows = np.concatenate([np.zeros(0, dtype=np.int64), *(cut.all_rows for cut in cuts)])
-    else:
-        rows = high.taken
+    cuts = conditions_with_law(form.conditions, JunctionLaw)
+    rows = np.concatenate([np.zeros(0, dtype=np.int64), *(cut.all_rows for cut in cuts)])
+    if not form.space.splines.samples.codim:
+        rows = np.concatenate([high.taken, rows[form.sampled.boundary.owner[rows] >= 0]])
     if high.dim != low.dim + 1 or not len(rows):
         return None
     points = form.sampled.lattice.to_scene(form.sampled.boundary.points[rows])

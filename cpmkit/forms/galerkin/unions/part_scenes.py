@@ -61,7 +61,8 @@ def _cuts(scene: Scene, numbers: Sequence[int]) -> list[Boundary]:
     members, cuts, places = members_of(scene.surface), {}, [np.zeros((0, scene.surface.dim))]
     for meeting in meetings_of(scene.surface):
         higher, name = members[meeting.higher], f"junction {meeting.lower}"
-        if meeting.higher in numbers and meeting.how == "along" and largest_dim(higher) < higher.dim:
+        is_inside = meeting.how == "within" or (meeting.how == "along" and largest_dim(higher) < higher.dim)
+        if meeting.higher in numbers and is_inside:
             cuts[name] = Boundary(name, members[meeting.lower], both=JunctionSide())
         if meeting.lower in numbers and meeting.how == "points":
             places.append(meeting.places)
@@ -90,7 +91,7 @@ def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> Edge
         return scene.edge
     edge: dict[int, Any] = {}
     for meeting in meetings_of(scene.surface):
-        if {meeting.lower, meeting.higher} & {*numbers}:
+        if {meeting.lower, meeting.higher} & {*numbers} and meeting.how != "within":
             on_curve = own.manifold_dim == 1
             loops = own.closest_point(meeting.places).edge if on_curve else loops_near(own, meeting.places)
             edge |= {int(loop): JunctionSide() for loop in np.unique(loops) if loop >= 0}

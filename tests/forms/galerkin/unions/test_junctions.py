@@ -247,7 +247,7 @@ def test_fluxes_and_sides_are_those_of_the_members():
 @pytest.mark.parametrize(
     ("members", "sentence"),
     [
-        ([BALL, ck.source("analytic.sphere", radius=0.5)], "meet inside the solid"),
+        ([BALL, ck.source("analytic.circle", radius=0.5, normal=[0, 0, 1])], "meet inside the solid"),
         ([BALL, ROD], "in a point or along an edge"),
         ([BALL, RING], "meet along a curve"),
         ([ck.source("trimmed", of=SPHERE, trim="x - 0.3"), RING], "in part only"),
