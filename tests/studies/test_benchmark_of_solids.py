@@ -14,4 +14,4 @@ def test_solids_in_the_plane(quick_rows):
     exact = [row for row in rows if row["data"].startswith(("linear", "total"))]
     assert len(exact) == 2
     assert all(float(row["Galerkin"]) < 1e-10 for row in exact)
-    assert all(float(row["Galerkin"]) < float(row["collocation"]) for row in rows)
+    assert all(float(row["Galerkin"]) < float(row["collocation"]) for row in rows if row["collocation"])
