@@ -149,7 +149,7 @@ def geodesic_distance(
     surface : ClosestPointSource, Scene or Prepared
         The manifold; a scene whose boundaries are barriers, which nothing passes; or a prepared scene, for many
         origins.
-    origins : (k, d) or (d,) array, whole numbers, ClosestPointSource, or a sequence of these with a source among them
+    origins : (k, d) or (d,) array, whole numbers, ClosestPointSource, or a list of these
         Points, vertices of a mesh by their numbers, and curves; the distance is that from the nearest origin.
     spacing : float
         Spacing of the lattice, in the scene's unit; not for a prepared scene. In its place ``tolerance``, the accepted

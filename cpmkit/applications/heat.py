@@ -93,15 +93,14 @@ class Origins:
 
 
 def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
-    """Return origins given as points (k, d) or (d,), numbers of vertices, a source, or a list of these with a source.
+    """Return origins given as points (k, d) or (d,), numbers of vertices, a source, or a list of these.
 
     Points are projected on ``surface``; ``gap`` is how far they are moved. Raises InputError if there are no origins,
     or an entry is none of these.
     """
     points, curves, gap = [np.zeros((0, surface.dim))], [], 0.0
     accepted = f"origins are finite points (k, {surface.dim}), numbers of vertices of a mesh, or sources of curves"
-    several = isinstance(origins, Sequence) and any(isinstance(entry, ClosestPointSource) for entry in origins)
-    for entry in origins if several else [origins]:
+    for entry in [origins] if _is_one_table(origins) else origins:
         if _are_vertex_numbers(entry, surface):
             entry = ck.Boundary("origins", entry, both=ck.Neumann(0.0)).on(surface).source
         if isinstance(entry, ClosestPointSource):
@@ -123,6 +122,16 @@ def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
     if not len(every) and not curves:
         raise InputError("a distance needs origins: give points or the source of a curve.")
     return Origins(surface, every, curves, gap)
+
+
+def _is_one_table(origins: Any) -> bool:
+    """Return whether ``origins`` are no list of several arrays, numbers or sources, but one of these."""
+    if not isinstance(origins, (list, tuple)):
+        return True
+    try:
+        return np.asarray(origins, dtype=np.float64).ndim < 3
+    except (TypeError, ValueError):  # sources, or entries of different shapes
+        return False
 
 
 def _are_vertex_numbers(numbers: Any, surface: ClosestPointSource) -> bool:

@@ -181,8 +181,8 @@ def _solve_vectors(arguments: dict[str, Any], _wants_error: bool) -> Application
     "origins",
     multiple=True,
     required=True,
-    metavar="X,Y,Z|NAME",
-    help="An origin of the distance: a point, or the name of a boundary; may be given several times.",
+    metavar="X,Y,Z|NAME|NUMBER",
+    help="An origin of the distance: a point, a boundary's name, or a mesh's vertex; may be given several times.",
 )
 @click.option("--signed", is_flag=True, help="Signed distance to curves, positive to the left of their direction.")
 @click.option("--method", type=click.Choice(["transport", "heat"]), default="transport", show_default=True)
@@ -247,11 +247,11 @@ def _solve_distance(
     return ApplicationResult(solution, lines=lines, tables=tables)
 
 
-def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
+def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, list[Any]]:
     """Return the scene with only the boundaries that are no origins, its barriers, and the origins.
 
-    ``origins`` are texts, names of boundaries or coordinates. The result has an array (k, d) of points, a list of
-    sources of boundaries, or both in a list, the array first. The equation is replaced by -Lap u = 0.
+    ``origins`` are texts: names of boundaries, numbers of vertices, or coordinates. The result is a list of sources of
+    boundaries, numbers, and an array (k, d) of points. The equation is replaced by -Lap u = 0.
     """
     import numpy as np
 
@@ -259,10 +259,12 @@ def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
     from cpmkit.scene.scene import Scene
 
     boundaries = {boundary.name: boundary for boundary in scene.boundaries}
-    points = [_parse_point(text, scene.surface.dim) for text in origins if text not in boundaries]
+    others = [text for text in origins if text not in boundaries]
+    points = [_parse_point(text, scene.surface.dim) for text in others if not text.isdecimal()]
     curves = [boundaries[name].source for name in origins if name in boundaries]
+    numbers = [int(text) for text in others if text.isdecimal()]
     barriers = [boundary for name, boundary in boundaries.items() if name not in origins]
-    sources: Any = [np.array(points), *curves] if points and curves else curves or np.array(points)
+    sources = [*curves, *numbers, *([np.array(points)] if points else [])]
     return Scene(scene.surface, Poisson(0.0), barriers, scene.edge), sources
 
 
@@ -275,5 +277,7 @@ def _parse_point(text: str, dim: int) -> list[float]:
     except ValueError:
         coordinates = []
     if len(coordinates) != dim:
-        raise InputError(f"a point is given by {dim} numbers such as {','.join('0' * dim)}, or a name, got {text!r}.")
+        raise InputError(
+            f"a point is given by {dim} numbers such as {','.join('0' * dim)}, a name or a vertex number, got {text!r}."
+        )
     return coordinates

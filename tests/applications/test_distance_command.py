@@ -57,6 +57,19 @@ def test_from_a_boundary_with_a_path(scene: Path) -> None:
     assert np.abs(values - np.abs(np.arcsin(points[:, 2]))).mean() < 0.02
 
 
+def test_from_vertices_of_a_mesh_and_points(scene: Path) -> None:
+    Path("mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
+    Path("scene.toml").write_text(
+        "[surface]\nkind = 'mesh.triangles'\nfile = 'mesh.obj'\n[problem]\nkind = 'laplace'\n"
+        "[output]\nfolder = 'out'\nfiles = ['solution.npz']\n"
+    )
+    found = _run("--from", "0", "--from", "1,1,0", "--method", "heat", "--spacing", "0.1")
+    assert found.exit_code == 0, found.output
+    points, values = _written(scene)
+    exact = np.minimum(np.linalg.norm(points, axis=1), np.linalg.norm(points - [1, 1, 0], axis=1))
+    assert np.abs(values - exact).mean() < 0.02
+
+
 def test_signed_and_at_another_spacing(scene: Path) -> None:
     found = _run("--from", "equator", "--signed", "--method", "heat", "--spacing", "0.3")
     assert found.exit_code == 0, found.output
@@ -68,7 +81,8 @@ def test_signed_and_at_another_spacing(scene: Path) -> None:
     ("arguments", "words"),
     [
         (("--from", "0,1"), "3 numbers"),
-        (("--from", "pole"), "or a name"),
+        (("--from", "pole"), "a name or a vertex number"),
+        (("--from", "7"), "vertices"),  # the sphere has none
         (("--from", "equator", "--signed", "--path-from", "0,0,1"), "leave out"),
         (("--from", "0,0,1"), "1 of 2 pieces of the surface have no origin"),  # the equator is a barrier
     ],

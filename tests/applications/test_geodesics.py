@@ -93,6 +93,16 @@ def test_of_several_origins_the_nearest_counts() -> None:
     assert _share(distance.evaluate(POINTS), np.minimum(latitude, np.pi / 2 - latitude)) < 2e-2
 
 
+def test_lists_of_origins_hold_points_and_vertex_numbers() -> None:
+    square = _walled_square().surface
+    table = geodesic_distance(square, [[0.0, 0, 0], [2, 2, 0]], spacing=0.2, method="heat").evaluate([[1, 0.5, 0]])
+    for origins in ([[[0, 0, 0]], [[2, 2, 0]]], [[[0, 0, 0]], 1680], (np.zeros(3), np.array([[2.0, 2, 0]]))):
+        distance = geodesic_distance(square, origins, spacing=0.2, method="heat")
+        np.testing.assert_allclose(distance.evaluate([[1, 0.5, 0]]), table, rtol=1e-9)
+    with pytest.raises(ck.InputError, match="finite points"):
+        geodesic_distance(square, [[[0, 0, 0]], [[0, 0]]], spacing=0.2)
+
+
 def _walled_square() -> ck.Scene:
     x = np.linspace(0, 2, 41)
     vertices = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((41, 41))], axis=-1).reshape(-1, 3)
