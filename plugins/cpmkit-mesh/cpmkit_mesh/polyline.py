@@ -33,6 +33,8 @@ from cpmkit_mesh.polyline_files import read_polyline
 ERROR_PER_CORNER_RADIAN = 0.3
 #: A closest point nearer to a vertex than this share of its segment is at the vertex.
 AT_VERTEX_SHARE = 1e-9
+#: A last point nearer to the first than this share of the largest side of all points equals it up to rounding.
+RETURNS_SHARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +202,7 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
         an OBJ file with one line.
     closed : bool, optional
         True adds the segment from the last point to the first, False leaves both as ends though they are equal. By
-        default a polyline is closed if its last point equals its first.
+        default a polyline is closed if its last point equals its first, up to rounding: 1e-9 of its largest side.
 
     Raises
     ------
@@ -219,7 +221,8 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
     if len(places) < 2:
         raise InputError(f"A polyline needs at least 2 points, got {len(places)}.")
     distinct = np.flatnonzero(np.r_[True, (places[1:] != places[:-1]).any(axis=1)])
-    returns = bool((places[distinct[-1]] == places[distinct[0]]).all())
+    apart = np.abs(places[distinct[-1]] - places[distinct[0]]).max()
+    returns = bool(apart <= RETURNS_SHARE * np.ptp(places, axis=0).max())
     if len(distinct) == 1:
         raise InputError(
             f"A polyline needs 2 points that differ, got {len(places)} times the same; use analytic.point."

@@ -50,6 +50,7 @@ def test_ends_of_an_open_polyline_are_its_edge():
         (SQUARE, None, 4, True),
         (SQUARE, True, 4, True),
         (SQUARE, False, 5, False),
+        (SQUARE + [[0], [0], [0], [0], [3e-16]], None, 4, True),  # as of cos(2 pi)
         (SQUARE[:-1], None, 4, False),
         (SQUARE[:-1], True, 4, True),
         (SQUARE[[0, 0, 1, 2, 2, 2, 3, 4]], None, 4, True),
