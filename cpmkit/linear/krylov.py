@@ -61,10 +61,10 @@ class KrylovSolver(ABC):
         except ConvergenceError:
             if self.fallback is None:
                 raise
-        return self._prepared_fallback.solve(b, tolerance, guess, progress)
+        return self.prepared_fallback.solve(b, tolerance, guess, progress)
 
     @cached_property
-    def _prepared_fallback(self) -> PreparedSolver:
+    def prepared_fallback(self) -> PreparedSolver:
         """The solver that ``fallback`` returns, prepared at its first use."""
         assert self.fallback is not None
         return self.fallback()

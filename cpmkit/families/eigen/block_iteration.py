@@ -59,7 +59,7 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
         theta, block, past = _rayleigh_ritz([block, past, further], len(theta), active)
     change, tolerance = float(changes[unconverged].max()), iteration.context.tolerance
     reason = f"functions change by {change:.2e} of their size after {MOST_ROUNDS} rounds, tolerance {tolerance:.2e}"
-    raise iteration.failure(reason, "give a larger solver_tolerance, or use solver='direct'", change)
+    raise iteration.failure(reason, "use solver='direct', or give a larger solver_tolerance", change)
 
 
 def _check_fits(iteration: InverseIteration, count: int, width: int) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, InputError, SceneError
 from cpmkit.families.context import SolveContext, operator_key
 from cpmkit.linear.direct import factorize_symmetric
+from cpmkit.linear.krylov import column_products
 from cpmkit.linear.operators import Operator, PreparedSolver, Stiffness
 from cpmkit.linear.preconditioned import PreconditionedCG
 from cpmkit.linear.residuals import IndefiniteError
@@ -25,6 +26,8 @@ from cpmkit.types import Floats, Ints
 
 #: Eigenvalues that differ by less than this share of the tolerance count as equal.
 SAME_EIGENVALUE_TOLERANCES = 0.1
+#: A preconditioner whose results have more than their energy by this share is not accepted: above rounding of float32.
+OVERSHOOTING_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +78,28 @@ class InverseIteration:
         return np.asarray(u.reshape(image.shape))
 
     def apply_preconditioner(self, residual: Floats) -> Floats:
-        """Return the preconditioner, which must not be None, times a residual (n, k), and count the products."""
+        """Return the preconditioner, which must not be None, times a residual (n, k), and count the products.
+
+        If it overshoots, as a cycle that rounding to float32 makes indefinite, its fallback takes its place.
+        """
         assert self.preconditioner is not None
         self.products += self.preconditioner.preconditioner.products * residual.shape[1]
         self.solves += 1
         self._report_progress()
-        return self.preconditioner.precondition(np.ascontiguousarray(residual))
+        correction = self.preconditioner.precondition(np.ascontiguousarray(residual))
+        if self.preconditioner.fallback is None or not self._overshoots(correction, residual):
+            return correction
+        self.prepared = self.preconditioner.prepared_fallback
+        return self.apply_preconditioner(residual)
+
+    def _overshoots(self, correction: Floats, residual: Floats) -> bool:
+        """Return whether some column z (n,) of ``correction`` has more energy z' A z than z' r, r its ``residual``.
+
+        A V cycle of a positive A gives none: its error is reduced in the norm of A, and M A has no eigenvalue above 1.
+        """
+        self.products += residual.shape[1]
+        energies = column_products(correction, self.operator.apply(correction))
+        return bool((energies > (1 + OVERSHOOTING_SHARE) * column_products(correction, residual)).any())
 
     def failure(self, reason: str, remedy: str, residual: float = np.inf) -> ConvergenceError:
         """Return the ConvergenceError, with ``reason``, ``remedy`` and a report with the relative ``residual``."""
