@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.projected_boundary import nearest_on_projection
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.adjacency import Rim, rim_of_edges, rim_of_vertices
 from cpmkit.mesh.mesh import Mesh
@@ -69,7 +70,8 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
             rows = vertices if turn == 0 else vertices[times[vertices] > 1]
             if boundary is None or not len(rows):
                 continue
-            points[rows] = _project_to_manifold(source, boundary.closest_point(points[rows]).points, rim.subset(rows))
+            feet, _ = nearest_on_projection(boundary, source, points[rows])
+            points[rows] = _project_to_manifold(source, feet.points, rim.subset(rows))
     too_far = norms(points - before) > reach
     points[too_far] = before[too_far]
     if mesh.manifold_dim == 2:
@@ -94,7 +96,7 @@ def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSou
         for owner, boundary in enumerate(boundaries):
             rows = np.unique(on_cut[(mesh.owner == owner) & ~mesh.beyond_tip])
             if boundary is not None and len(rows):
-                positions[rows] = boundary.closest_point(straight[rows]).points
+                positions[rows] = nearest_on_projection(boundary, source, straight[rows])[0].points
     midpoints = straighten_creased_edges(_project_to_manifold(source, positions, rim_of_edges(mesh)), straight, length)
     if mesh.manifold_dim == 2 and len(mesh.cut):
         on_boundary = on_cut[~mesh.beyond_tip]

@@ -11,6 +11,7 @@ from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.meetings import touching_distance
 from cpmkit.manifold.orientation import AS_GIVEN, Orientation
+from cpmkit.manifold.projected_boundary import nearest_on_projection, tangents_of_projection
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.manifold.tangent_space import left_conormals, outward_conormals, unit_normals, unit_tangents
 from cpmkit.manifold.vector_algebra import dots, norms, unit
@@ -24,9 +25,8 @@ from cpmkit.types import Bools, Floats, Ints
 class OrientedBoundary:
     """A boundary in its manifold, with its orientation; :meth:`cpmkit.Scene.oriented` computes it once per boundary.
 
-    Points and vectors are relative to ``left.origin``. For a point z of the manifold, y = cp_S(cp_C(z)) is its
-    closest point on the boundary, projected to the manifold, and z is on the left if (z - y) . v > 0, v the conormal
-    to the left.
+    Points and vectors are relative to ``left.origin``. For a point z of the manifold, y is its closest point on the
+    projection of the boundary to the manifold, and z is on the left if (z - y) . v > 0, v the conormal to the left.
     """
 
     boundary: Boundary  #: The boundary of the scene.
@@ -57,9 +57,8 @@ class OrientedBoundary:
         return replace(self, source=source, surface=surface, left=replace(self.left, signs=signs, origin=origin))
 
     def feet(self, points: Floats) -> tuple[ClosestPoints, ClosestPoints]:
-        """Return the closest boundary points of ``points`` (n, d), and the projections of these to the manifold."""
-        feet = self.source.closest_point(points)
-        return feet, self.surface.closest_point(feet.points)
+        """Return the boundary points with the projections nearest to ``points`` (n, d), and these projections."""
+        return nearest_on_projection(self.source, self.surface, points)
 
     def leftward(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> Floats:
         """Return the unit conormals v (n, d) to the left.
@@ -67,7 +66,11 @@ class OrientedBoundary:
         ``feet`` and ``on_surface`` are the results of :meth:`feet` for n points. Directions that the sources do not
         provide are differences of closest points over the length ``step``.
         """
-        return left_conormals(self.source, self.surface, self.left.signs, on_surface, feet, step)
+        left = left_conormals(self.source, self.surface, self.left.signs, on_surface, feet, step)
+        if self.dimension == 2 and self.source.manifold_dim == 1 and self.surface.dim == 3:
+            rows, along = tangents_of_projection(self.source, self.surface, feet, on_surface, step)
+            left[rows] = unit(left[rows] - dots(left[rows], along)[:, None] * along)
+        return left
 
     def tangents(self, feet: ClosestPoints, on_surface: ClosestPoints, left: Floats, step: float) -> Floats:
         """Return the unit tangents (n, d) of a boundary curve in its direction of travel.
@@ -101,8 +104,8 @@ class OrientedBoundary:
     def signed_distance(self, points: Floats, step: float) -> Floats:
         """Return (z - y) . v (n,) for ``points`` z (n, d) of the manifold, positive on the left.
 
-        y is the closest point on the boundary, projected to the manifold, v the unit conormal to the left; ``step`` is
-        the length of finite differences. King et al. (2024), eq. 11. NaN beyond an open end, or without a left side.
+        y is the closest point on the projected boundary, v the unit conormal to the left; ``step`` is the length of
+        finite differences. King et al. (2024), eq. 11. NaN beyond an open end, or without a left side.
         """
         if not self.has_left:
             return np.full(len(points), np.nan)

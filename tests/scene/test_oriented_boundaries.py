@@ -131,3 +131,19 @@ print([name for name in sys.modules if name.startswith("cpmkit.forms")])
 """
     told = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
+
+
+def test_a_curve_beside_the_surface_stands_for_its_projection():
+    """Points of the projection are their own feet, and conormals are perpendicular to it, not to the curve."""
+    torus = ck.source("analytic.torus", major=1.0, minor=0.4)
+    formulas = ["1.08*cos(t)", "1.08*sin(t)", "0.37 + 0.08*sin(5*t)"]
+    wave = ck.source("parametric.curve", x=formulas, range=[0, "2*pi"], periodic=True)
+    oriented = orient(ck.Boundary("wave", wave, both=ck.Dirichlet(0.0)), torus)
+    t = np.linspace(0, 2 * np.pi, 4001)
+    points = torus.closest_point(np.stack([1.08 * np.cos(t), 1.08 * np.sin(t), 0.37 + 0.08 * np.sin(5 * t)], 1)).points
+    middle, along = points[1:-1], points[2:] - points[:-2]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    feet, on = oriented.feet(middle - oriented.left.origin)
+    assert np.abs(on.points + oriented.left.origin - middle).max() < 1e-10
+    left = oriented.leftward(feet, on, 0.05)
+    assert np.abs((left * along).sum(axis=1)).max() < 1e-3

@@ -191,9 +191,11 @@ def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Int
     spacing. The coefficient of the material there, if a thousand times stiffer, would make the matrix indefinite.
 
     Where a boundary lies off the manifold, data may change anywhere between it and its closest points: samples within
-    twice that distance count as past it, too. Boundaries without a left, and those of curves, have no such samples.
+    twice that distance, at most :data:`NEAR_CHORD_SPACINGS`, count as past it, too. Boundaries without a left, and
+    those of curves, have no such samples.
     """
     rows, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, sampled.lattice.dim))]
+    spacing = sampled.lattice.spacing
     for number, oriented in enumerate(sampled.oriented):
         if sampled.mesh.manifold_dim == 1 or not oriented.has_left:
             continue
@@ -203,9 +205,9 @@ def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Int
         origin = oriented.left.origin
         x = sampled.lattice.to_scene(sampled.samples.points_at(near)) - origin
         feet, on_boundary = oriented.feet(x)
-        leftward = oriented.leftward(feet, on_boundary, DIFFERENCE_SPACINGS * sampled.lattice.spacing)
+        leftward = oriented.leftward(feet, on_boundary, DIFFERENCE_SPACINGS * spacing)
         inside = side * dots(x - on_boundary.points, leftward)
-        doubt = 2.0 * norms(on_boundary.points - feet.points)
+        doubt = np.minimum(2.0 * norms(on_boundary.points - feet.points), NEAR_CHORD_SPACINGS * spacing)
         past = (inside < doubt) & (feet.edge < 0)
         step = side * np.maximum(doubt, -inside)
         rows.append(near[past])

@@ -100,7 +100,8 @@ def test_left_is_that_of_the_other_form(surface, curve):
     one, other = (both(surface, curve, form, problem=ck.ScreenedPoisson(0.0)) for form in ("galerkin", "collocation"))
     signed = one.signed_distance("C", at)
     told = other.signed_distance("C", at)  # of points near the curve alone
-    np.testing.assert_allclose(signed[np.isfinite(told)], told[np.isfinite(told)], atol=1e-8)
+    # where a curve lies off a mesh, only Galerkin's point of its projection is the nearest
+    np.testing.assert_allclose(signed[np.isfinite(told)], told[np.isfinite(told)], rtol=1e-6, atol=1e-6)
     clear = np.abs(signed) > 0.02
     np.testing.assert_allclose(one.evaluate(at)[clear], other.evaluate(at)[clear], atol=0.15)
     near = clear & (np.abs(signed) < 0.1)
