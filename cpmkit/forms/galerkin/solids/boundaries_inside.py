@@ -70,40 +70,21 @@ def split_where_curves_meet(
     Raises SceneError if two of them touch or run along each other, or a boundary almost meets another part.
     """
     skin_parts = [part for member in skin for part in member]
+    count = len(skin_parts)
     parts = [replace(part, mesh=repair(part.mesh)[0]) for part in (*skin_parts, *inside)]
     curves: list[Curve] = [
         (FlatCurve(part.mesh) if part.boundary is None else part.boundary, part.mesh) for part in parts
     ]
-    length, count = LONGEST_EDGES[2] * lattice.spacing, len(skin_parts)
     labels = ["the boundary of the solid"] * count + [f"boundary {name!r}" for name in names]
-    meetings = [part.mesh.vertices[:0] for part in parts]
-    for i, j in combinations(range(len(parts)), 2):
-        if j < count:
-            continue
-        found = meetings_of_curves([curves[i], curves[j]], length)
-        if found is None:
-            raise SceneError(f"{labels[j]} touches {labels[i]}, or runs along it; let it cross, or keep away from it.")
-        meetings[i], meetings[j] = np.concatenate([meetings[i], found[0]]), np.concatenate([meetings[j], found[1]])
-    tips = [_tips(part.mesh, points, solid) for part, points in zip(parts[count:], meetings[count:], strict=True)]
-    all_tips = np.concatenate([part.mesh.vertices[own] for part, own in zip(parts[count:], tips, strict=True)])
+    meetings = _meetings(curves, labels, count, LONGEST_EDGES[2] * lattice.spacing)
+    tips = {k: _tips(parts[k].mesh, meetings[k], solid) for k in range(count, len(parts))}
+    at_tips = np.concatenate([parts[k].mesh.vertices[own] for k, own in tips.items()])
     extensions = []
-    for number, own in enumerate(tips, count):
+    for number, own in tips.items():
         made = extended_curve_ends(parts[number].mesh, own, EXTENDED_SPACINGS * lattice.spacing)
         for tip in range(len(own)):
-            at, ahead = made.vertices[2 * tip : 2 * tip + 2]
-            others = norms(all_tips - at)
-            reach = TIP_SHARE * others[others > 0].min(initial=np.inf)
-            ahead = at + min(1.0, reach / float(norms(ahead - at))) * (ahead - at)
-            for other, curve in enumerate(curves):
-                gap = float(curve[0].closest_point(at[None]).distance[0])
-                if other != number and gap < NEAR_MISS_SPACINGS * lattice.spacing:
-                    raise SceneError(
-                        f"{labels[number]} ends {gap:.2g} from {labels[other]} near {place(lattice.to_scene(at))}, "
-                        f"nearer than {NEAR_MISS_SPACINGS:g} spacings; let it meet it, or end it farther away."
-                    )
-                ahead, where = _first_meeting(at, ahead, curve, length)
-                meetings[other] = np.concatenate([meetings[other], where])
-            made.vertices[2 * tip + 1] = ahead
+            _check_not_near(made.vertices[2 * tip], number, curves, labels, lattice)
+            _shorten(made, tip, at_tips, curves, meetings, LONGEST_EDGES[2] * lattice.spacing)
         extensions.append(made)
     split = [
         replace(part, mesh=repair(split_at(curve, part.mesh, points))[0]) if len(points) else part
@@ -111,7 +92,51 @@ def split_where_curves_meet(
     ]
     starts = np.cumsum([0] + [len(member) for member in skin])
     members = [split[start:end] for start, end in pairwise(starts)]
-    return MeetingCurves(members, split[count:], extensions, np.concatenate([*meetings, all_tips]))
+    return MeetingCurves(members, split[count:], extensions, np.concatenate([*meetings, at_tips]))
+
+
+def _meetings(curves: Sequence[Curve], labels: Sequence[str], count: int, length: float) -> list[Floats]:
+    """Return the points (k, 2) of each curve at which it meets others; the first ``count`` curves meet none of these.
+
+    Raises SceneError, by the ``labels`` of curves, if two touch or run along each other.
+    """
+    meetings = [mesh.vertices[:0] for _, mesh in curves]
+    for i, j in combinations(range(len(curves)), 2):
+        if j < count:
+            continue
+        found = meetings_of_curves([curves[i], curves[j]], length)
+        if found is None:
+            raise SceneError(f"{labels[j]} touches {labels[i]}, or runs along it; let it cross, or keep away from it.")
+        meetings[i], meetings[j] = np.concatenate([meetings[i], found[0]]), np.concatenate([meetings[j], found[1]])
+    return meetings
+
+
+def _check_not_near(tip: Floats, number: int, curves: Sequence[Curve], labels: Sequence[str], lattice: Lattice) -> None:
+    """Raise SceneError if the ``tip`` (d,) of the curve with this ``number`` almost meets another one."""
+    for other, (curve, _) in enumerate(curves):
+        gap = float(curve.closest_point(tip[None]).distance[0])
+        if other != number and gap < NEAR_MISS_SPACINGS * lattice.spacing:
+            raise SceneError(
+                f"{labels[number]} ends {gap:.2g} from {labels[other]} near {place(lattice.to_scene(tip))}, nearer "
+                f"than {NEAR_MISS_SPACINGS:g} spacings; let it meet it, or end it farther away."
+            )
+
+
+def _shorten(
+    extension: Mesh, tip: int, tips: Floats, curves: Sequence[Curve], meetings: list[Floats], length: float
+) -> None:
+    """Shorten segment ``tip`` of an ``extension``, in place, to where it meets a curve or comes near another tip.
+
+    ``tips`` (k, 2) are the ends of all curves. The point where it meets a curve is added to its ``meetings``.
+    """
+    at, ahead = extension.vertices[2 * tip : 2 * tip + 2]
+    others = norms(tips - at)
+    reach = TIP_SHARE * others[others > 0].min(initial=np.inf)
+    ahead = at + min(1.0, reach / float(norms(ahead - at))) * (ahead - at)
+    for other, curve in enumerate(curves):
+        ahead, where = _first_meeting(at, ahead, curve, length)
+        meetings[other] = np.concatenate([meetings[other], where])
+    extension.vertices[2 * tip + 1] = ahead
 
 
 def _tips(mesh: Mesh, meetings: Floats, solid: LocalSource) -> Ints:
