@@ -6,7 +6,8 @@ of the piece. The solution with mean zero is taken; the imbalance, a constant on
 
 A form evaluates data at points about a spacing apart and misses variation between them. Half the mean squared
 difference of values at two points, as a function of their distance r, is A + B r^2 for small r (the variogram). A, the
-"nugget", is the mean square of the variation within a spacing: zero for resolved data.
+"nugget", is the mean square of the variation within a spacing: zero for resolved data. A jump along a line hardly
+changes it; :mod:`cpmkit.forms.data_jumps` finds it.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cpmkit.errors import CpmkitError, place
+from cpmkit.forms.data_jumps import find_jump
 from cpmkit.linear.operators import Border, Bordered, Operator
 from cpmkit.scene.data import Functional, evaluate_data, is_sequence
 from cpmkit.scene.diffusivities import evaluate_diffusivity
@@ -44,6 +46,8 @@ ROUNDING = 1e-10
 RUNS, RUN_LENGTH = 24, 128
 #: Neighbours of a point, within so many spacings; points nearer than the last count once, as nodes may share them.
 NEIGHBOURS, NEIGHBOUR_SPACINGS, SAME_SPACINGS = 6, 0.75, 0.05
+#: The labels of the coefficients of an equation that are checked.
+COEFFICIENTS = ("the right-hand side f", "the factor c", "the diffusivity")
 #: Data are unresolved where the root of A is more than this share of their root mean square. Of sin(k x) on circles and
 #: spheres it is below .1 up to k h = 1, .1 to .3 at 3, from .2 on at 6 and .85 to 1.1 from 20 on, in both forms; of a
 #: step on the unit sphere at h = .2 it is .06.
@@ -225,7 +229,7 @@ def data_warnings(
     vertices: int = 0,
     points: Floats | None = None,
 ) -> list[str]:
-    """Return a list with a warning for each of a scene's data that is a function of points and varies within a spacing.
+    """Return a list with a warning for each of a scene's data that varies within a spacing, or jumps off boundaries.
 
     ``form``: the form of the scene.
     ``conditions``: the data of the conditions.
@@ -233,12 +237,12 @@ def data_warnings(
     ``vertices``: number of vertices of the mesh over whose cells the form integrates f; zero if it reads f at points.
     ``points`` (p, d): where the form reads the data of the equation; by default its points.
     """
-    width = form.spacing if spacing is None else spacing
-    return [
-        text
-        for data in _checked_data(form, conditions, vertices, form.points if points is None else points)
-        for text in _variation_warnings(form.scene, data, width)
-    ]
+    width, read_at = form.spacing if spacing is None else spacing, form.points if points is None else points
+    found: list[str] = []
+    for data in _checked_data(form, conditions, vertices, read_at):
+        varies = [*_variation_warnings(form.scene, data, width)]
+        found += varies or _jump_warnings(form.scene, data._replace(points=read_at), width)
+    return found
 
 
 def nugget(values: Floats, points: Floats, spacing: float) -> float:
@@ -277,9 +281,9 @@ def _checked_data(
     distances = [form.signed_distance(boundary.name, points) for boundary in form.scene.boundaries]
     sides = np.sign(np.nan_to_num(np.stack(distances, axis=1))) if distances else None
     if not _is_smoothed(form, terms, vertices):
-        yield DataAtPoints("the right-hand side f", terms.f, points, sides)
-    yield DataAtPoints("the factor c", terms.c, points, sides)
-    yield DataAtPoints("the diffusivity", terms.diffusivity, points, sides)
+        yield DataAtPoints(COEFFICIENTS[0], terms.f, points, sides)
+    yield DataAtPoints(COEFFICIENTS[1], terms.c, points, sides)
+    yield DataAtPoints(COEFFICIENTS[2], terms.diffusivity, points, sides)
     for condition in conditions:
         rows, normals = _compared_rows(len(condition.points)), condition.normals
         yield condition._replace(points=condition.points[rows], normals=None if normals is None else normals[rows])
@@ -311,18 +315,37 @@ def _variation_warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Ite
     values = _values_at_points(scene, data)
     places = data.points if data.normals is None else np.hstack([data.points, spacing * data.normals])
     share = 0.0 if values is None else nugget(values, places, spacing)
-    if values is None or not share > UNRESOLVED_NUGGET:
-        return
-    # data are zero up to rounding, as x is on a side at x = 0, if they change by many times their size at points nearby
-    step = MOVED_SPACINGS * spacing * np.array(MOVED)[: data.points.shape[1]]
-    moved = _values_at_points(scene, data._replace(points=data.points + step))
-    if moved is None or not np.abs(moved - values).max() > ROUNDING_CHANGE * np.abs(values).max():
+    if share > UNRESOLVED_NUGGET and not _is_rounding(scene, data, values, spacing):
         yield (
             f"{data.label[0].upper()}{data.label[1:]} varies within a spacing, by about {min(share, 1.0):.0%} of its "
             f"size: at spacing={spacing:g} it is read at too few points to resolve it, and the solution may be off by "
             "as much as its own size; use a spacing of a third of its shortest wave or less, or give its mean over a "
             "spacing."
         )
+
+
+def _jump_warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator[str]:
+    """Yield one warning if a coefficient of the equation jumps where no boundary lies; else none."""
+    if data.label not in COEFFICIENTS or isinstance(data.data, VertexData):
+        return
+    at = find_jump(scene, lambda points: _values_at_points(scene, data._replace(points=points)), data.points, spacing)
+    if at is None or _is_rounding(scene, data, _values_at_points(scene, data), spacing):
+        return
+    yield (
+        f"{data.label[0].upper()}{data.label[1:]} jumps near {place(at)}, where no boundary lies: errors fall slowly "
+        "and irregularly, and solution.error may be ten times too small; add a boundary with across=ck.Transmission() "
+        "along the jump."
+    )
+
+
+def _is_rounding(scene: Scene, data: DataAtPoints, values: Any, spacing: float) -> bool:
+    """Return whether data with ``values`` (k, channels) are zero up to rounding, as ``x`` is on a side at x = 0.
+
+    They are if moving their points by a tiny share of ``spacing`` changes them by many times their size.
+    """
+    step = MOVED_SPACINGS * spacing * np.array(MOVED)[: data.points.shape[1]]
+    moved = _values_at_points(scene, data._replace(points=data.points + step))
+    return moved is not None and float(np.abs(moved - values).max()) > ROUNDING_CHANGE * float(np.abs(values).max())
 
 
 def _values_at_points(scene: Scene, data: DataAtPoints) -> Floats | None:
@@ -335,7 +358,7 @@ def _values_at_points(scene: Scene, data: DataAtPoints) -> Floats | None:
     if fixed or not any(map(callable, entries)) or not len(data.points):
         return None
     try:
-        if data.label == "the diffusivity":
+        if data.label == COEFFICIENTS[2]:
             return evaluate_diffusivity(function, data.points, data.label).reshape(len(data.points), -1)
         return evaluate_data(function, data.points, None, data.label, scene.problem.start_time)
     except CpmkitError:  # of a function known at all the form's points alone; other errors are raised where it is used

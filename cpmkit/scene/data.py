@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import CpmkitError, InputError, ResolutionError, SceneError, shown
+from cpmkit.errors import CpmkitError, InputError, ResolutionError, SceneError, place, shown
 from cpmkit.formulas.expressions import Expression
 from cpmkit.runtime.arrays import number
 from cpmkit.types import Floats
@@ -150,10 +150,10 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
         if values.shape[1] != 1:
             raise InputError(f"{label} has {values.shape[1]} channels where the scene has {channels}.")
         values = np.repeat(values, channels, axis=1)
-    if not np.isfinite(values).all():
-        raise InputError(
-            f"{label} must be finite, got NaN or infinity at {int((~np.isfinite(values)).any(axis=1).sum())} points."
-        )
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if len(bad):
+        several = f"{len(bad)} points, such as " if len(bad) > 1 else ""
+        raise InputError(f"{label} must be finite, got NaN or infinity at {several}{place(points[bad[0]])}.")
     if np.abs(values).max(initial=0.0) > LARGEST_DATUM:
         raise InputError(
             f"{label} must be at most {LARGEST_DATUM:g} in size, for its squares are summed, got "

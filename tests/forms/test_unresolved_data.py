@@ -5,6 +5,7 @@ import pytest
 from model_problems import sphere_points
 
 import cpmkit as ck
+from cpmkit.scene.data import evaluate_data
 
 CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
 ANGLES = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
@@ -51,6 +52,53 @@ def test_a_harmonic_of_the_sphere(form, degree, unresolved):
 def test_steps_and_small_ripples_are_not(form):
     for f in (lambda x: np.sign(x[:, 0] - 0.1), lambda x: 1 + 0.1 * np.sin(100 * x[:, 0]), lambda x: x[:, 0] * x[:, 1]):
         assert not told(ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), 0.3, form=form))
+
+
+def jumps(solution):
+    return [text for text in solution.warnings if "jumps near" in text]
+
+
+def test_a_jump_of_f_off_boundaries_is_warned_of_at_any_spacing():
+    """u = max(z - .3, 0)^2: errors do not fall, and their estimate is up to five times too small."""
+
+    def f(x):
+        z = x[:, 2]
+        return np.where(z > 0.3, (z - 0.3) ** 2 - 2 * (1 - z**2) + 4 * z * (z - 0.3), 0.0)
+
+    parallel = ck.source("analytic.circle", center=[0, 0, 0.3], normal=[0, 0, 1], radius=np.sqrt(0.91))
+    seam, points, errors = ck.Boundary("seam", parallel, across=ck.Transmission()), sphere_points(), []
+    exact = np.maximum(points[:, 2] - 0.3, 0) ** 2
+    for spacing in (0.2, 0.1, 0.07):
+        with_seam = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f), [seam]), spacing)
+        without = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), spacing)
+        (text,) = jumps(without)
+        assert "0.3), where no boundary lies" in text
+        assert "ck.Transmission() along the jump" in text
+        assert not jumps(with_seam)
+        errors.append([np.abs(each.evaluate(points) - exact).max() for each in (with_seam, without)])
+    assert errors[2][0] < 0.1 * errors[0][0]
+    assert errors[2][1] > errors[0][1]
+
+
+def test_coefficients_that_jump_are_warned_of_and_steep_ones_are_not():
+    def step(x):
+        return 1.0 + (x[:, 0] > 0.2)
+
+    equator = ck.Boundary("ring", ck.source("analytic.circle", normal=[0, 0, 1]), both=1.0)
+    assert jumps(ck.solve(ck.Scene(SPHERE, ck.Elliptic("x", c=step), [equator]), 0.3))
+    assert jumps(ck.solve(ck.Scene(SPHERE, ck.Elliptic("x", c=1.0, diffusivity=step), [equator]), 0.3))
+    steep, kink = "tanh(40*(x - 0.2))", "abs(x - 0.2)"
+    for f in (steep, kink, "exp(-300*(x - 1)**2)", lambda x: 1e-17 * np.sign(np.sin(1e9 * x[:, 0]))):
+        assert not jumps(ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), 0.3))
+
+
+def test_data_that_jump_between_members_and_at_creases_are_not():
+    parts = [CIRCLE, ck.source("analytic.segment", start=[1, 0], end=[3, 0])]
+    both = ck.source("union", members=parts)
+    assert not jumps(ck.solve(ck.Scene(both, ck.ScreenedPoisson(ck.MemberData(both, [1.0, 3.0]))), 0.1))
+    box = pytest.importorskip("trimesh").creation.box()
+    skin = ck.source("mesh.triangles", vertices=box.vertices, faces=box.faces, closest="faceted")
+    assert not jumps(ck.solve(ck.Scene(skin, ck.ScreenedPoisson(lambda x: 1.0 * (x[:, 2] > 0.5 - 1e-9))), 0.15))
 
 
 def wave(x):
@@ -108,3 +156,11 @@ def test_noise_at_vertices_that_the_equation_smooths_over_two_spacings_is_not():
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(ck.VertexData(surface, noise / length**2), c=1 / length**2))
     assert told(ck.solve(scene, 0.3))  # the values are read on another mesh
     assert told(ck.solve(ck.Scene(surface, blur), 0.3, form="collocation"))
+
+
+def test_data_that_are_not_finite_are_refused_with_a_place():
+    points = np.array([[0, 0, 0.5], [0, 0, 1.0], [0, 0, 2.0]])
+    with pytest.raises(ck.InputError, match=r"the load must be finite, got NaN or infinity at \(0, 0, 1\)\."):
+        evaluate_data(lambda x: np.where(x[:, 2] == 1, np.inf, 1.0), points, 1, "the load")
+    with pytest.raises(ck.InputError, match=r"infinity at 2 points, such as \(0, 0, 1\)\."):
+        evaluate_data(lambda x: np.where(x[:, 2] < 1, 1.0, np.nan), points, 1, "the load")
