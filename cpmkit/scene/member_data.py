@@ -12,32 +12,32 @@ from cpmkit.errors import InputError, shown
 from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.arrays import as_points
-from cpmkit.scene.data import evaluate_data, reaction_rates, takes_time
+from cpmkit.scene.data import as_data, evaluate_data, reaction_rates, takes_time
 from cpmkit.types import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
 class MemberData:
-    """A function of points that has a value, or a function of points, for each member of a union.
+    """A function of points that has a value, a formula or a function of points for each member of a union.
 
     Parameters
     ----------
     source : ClosestPointSource
         The union.
     values : sequence
-        A number or a function of points for each member, in their order.
+        A number, a formula or a function of points for each member, in their order.
 
     Raises
     ------
     InputError
-        If there is not one value for each member.
+        If there is not one value for each member, or a formula does not parse.
 
     Examples
     --------
     >>> import cpmkit as ck
     >>> parts = [ck.source("analytic.circle"), ck.source("analytic.segment", start=[1, 0], end=[3, 0])]
     >>> both = ck.source("union", members=parts)
-    >>> ck.MemberData(both, [1.0, lambda x: 10 * x[:, 0]])([[0, 1], [2, 0]])
+    >>> ck.MemberData(both, [1.0, "10*x"])([[0, 1], [2, 0]])
     array([ 1., 20.])
     """
 
@@ -45,12 +45,14 @@ class MemberData:
     values: Sequence[Any]
 
     def __post_init__(self) -> None:
-        """Raise InputError if there is not one value for each member."""
+        """Read formulas; raise InputError if there is not one value for each member."""
         count = len(members_of(self.source))
         if not isinstance(self.values, Sequence) or len(self.values) != count:
             raise InputError(
                 f"values must be a list with one entry for each of {count} members, got {shown(self.values)}."
             )
+        entries = [as_data(value, f"data of member {k}") for k, value in enumerate(self.values)]
+        object.__setattr__(self, "values", entries)
 
     @property
     def takes_time(self) -> bool:
