@@ -29,7 +29,7 @@ from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
+from cpmkit.types import Bools, Floats, Ints, Side, Sides, SparseMatrix
 
 if TYPE_CHECKING:
     from cpmkit.solution.display_mesh import DisplayMesh
@@ -257,11 +257,19 @@ class FormValues(FormOperators):
         place = "the edge" if boundary is None else f"boundary {boundary!r}"
         raise InputError(f"the form {self.form!r} evaluates no flux through {place}.")
 
-    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
+    def flux(
+        self,
+        u: Floats,
+        boundary: str | int,
+        side: Side | None,
+        time: float | None,
+        where: Callable[[Floats], Bools] | None = None,
+    ) -> Floats | None:
         """Return the integrals (channels,) of du/db, b outwards, at ``time`` over a side of a boundary or the edge.
 
-        ``boundary`` is its name, the number of a loop of the edge, or "edge"; ``side`` is None for the edge. Returns
-        None, the default, where a quadrature of :meth:`conormal_derivative` is as good.
+        ``boundary`` is its name, the number of a loop of the edge, or "edge"; ``side`` is None for the edge. ``where``
+        selects the points (n, d) of a part. Returns None, the default, where a quadrature of
+        :meth:`conormal_derivative` is as good.
         """
         return None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -16,6 +16,24 @@ from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.scene.conditions import Condition, as_condition
 from cpmkit.scene.data import Data, evaluate_data, is_sequence, read_formula, takes_time
 from cpmkit.types import Floats, Ints
+
+
+class EdgeLoopError(SceneError):
+    """A table `edge` lacks a loop of the manifold, or has one that the manifold lacks.
+
+    ``text`` is the message, with the fields ``loop``, ``given`` (the numbers in the table) and ``loops`` (those of the
+    manifold).
+    """
+
+    def __init__(self, text: str, loop: int, given: Iterable[int], loops: Iterable[int] = ()) -> None:
+        self.text, self.loop, self.given, self.loops = text, loop, [*given], [*loops]
+        lists = [", ".join(map(str, numbers)) for numbers in (self.given, self.loops)]
+        super().__init__(text.format(loop=loop, given=lists[0] or "none", loops=lists[1]))
+
+    def renumber(self, given: Iterable[int], number_of: Callable[[int], int]) -> EdgeLoopError:
+        """Return the error of a scene whose table has the numbers ``given``; ``number_of`` is that of each loop."""
+        return EdgeLoopError(self.text, number_of(self.loop), given, map(number_of, self.loops))
+
 
 #: Where a part of the edge is: a formula such as ``x < 0``, or a function of points (n, d) that returns (n,).
 Where = str | Callable[[Floats], Any]
@@ -195,9 +213,12 @@ def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:
     """
     loops = loops_of_edge(edge)
     if None not in loops and loop not in loops:
-        raise SceneError(
-            f"the surface has an edge loop {loop} for which `edge` gives no condition; a table must name every loop "
-            f"that the surface has, and no other: it has {[*loops]}."
+        assert loop is not None
+        raise EdgeLoopError(
+            "the surface has an edge loop {loop} for which `edge` gives no condition; a table must name every loop "
+            "that the surface has, and no other: `edge` has {given}.",
+            loop,
+            [number for number in loops if number is not None],
         )
     return loops[loop if loop in loops else None]
 

@@ -89,14 +89,15 @@ def check_junctions(given: Any, surface: ClosestPointSource) -> Any:
     if isinstance(given, Junction):
         return given
     count = len(members_of(surface))
+    members = f"the union has the members 0 to {count - 1}" if count > 1 else "the surface is no union"
     entries: Any = given.items() if isinstance(given, Mapping) else [(None, given)]
     for pair, law in entries:
         numbers = isinstance(pair, tuple) and len(pair) == 2 and all(k in range(count) for k in pair)
         if not numbers or not isinstance(law, Junction):
             raise SceneError(
                 "junctions must be a ck.Junction, or a table of them by pairs of members of a union, such as "
-                f"{{(0, 1): ck.Junction(radius=0.1)}}, got {shown(law)} for {shown(pair)}; the union has {count} "
-                "members, from 0 on."
+                f"{{(0, 1): ck.Junction(radius=0.1)}}; leave it out for a continuous u. Got {shown(law)}"
+                f"{'' if pair is None else f' for {shown(pair)}'}; {members}."
             )
     return {tuple(sorted(pair)): law for pair, law in entries}
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, place, shown
+from cpmkit.formulas.expressions import Expression
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Codes
 from cpmkit.manifold.abilities import HasMesh
@@ -30,11 +31,11 @@ from cpmkit.mesh.mixed_cells import (
 )
 from cpmkit.runtime.messages import warn_each
 from cpmkit.scene.boundary import boundary_number
-from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.data import evaluate_data, read_formula
 from cpmkit.scene.laws import Value
 from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS, evaluate_on_sides, project_onto_boundaries
 from cpmkit.solution.record import SolutionRecord
-from cpmkit.types import SIDES, Floats, Ints, Side
+from cpmkit.types import SIDES, Bools, Floats, Ints, Side
 
 #: An integrand: a number, or a function of points (n, d) and the solution there, (n,) or (n, channels).
 Integrand = float | Callable[[Floats, Floats], Any]
@@ -171,14 +172,10 @@ def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> t
     """Return quadrature points on the manifold's edge, or on one ``loop`` of it, as closest points, and weights (n,).
 
     They are those of the mesh for ``spacing``; ``loop`` None is the whole edge. An end of a curve has weight 1. Raises
-    InputError if the surface has no mesh or no such edge, or is a solid in space.
+    InputError if the surface has no mesh or no such edge.
     """
     points, cells = mesh_method(surface)(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
-    if surface.dim == 3 and surface.manifold_dim == 3:
-        raise InputError(
-            "the form 'collocation' computes no flux through the edge of a solid in space; use form='galerkin'."
-        )
     parts = [_rim_of_triangles(surface, points, cells_with_corners(cells, 3), spacing)]
     rim = rim_of_vertices(Mesh.of(points, cells_with_corners(cells, 2)))  # the ends of segments, each with weight 1
     beyond = points[rim.rows] + BEYOND_RIM_SPACINGS * spacing * unit(rim.outward)
@@ -225,30 +222,63 @@ def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, poi
     return density[:, 0] if solution.channels == 1 else density
 
 
-def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> float | Floats:
+#: Why a form computes no flux through the edge of a solid in space.
+_NO_FLUX = {
+    "collocation": "the form 'collocation' computes no flux through the edge of a solid in space; use form='galerkin'.",
+    "galerkin": "the flux through an edge of a solid in space with ck.Steklov() is not computed: it is the eigenvalue "
+    "times the integral of u over the edge.",
+}
+
+
+def flux(solution: SolutionRecord, boundary: str | int, side: Side | None, where: Any = None) -> float | Floats:
     """Return the flux through a side of a boundary, the integral of du/db, as :meth:`SolutionRecord.flux` does."""
     scene, form = solution.scene, solution.discretized
     names = [boundary.name for boundary in scene.boundaries]
+    matches: list[bool] = []
+    chosen = None if where is None else _part_of(where, matches)
     if boundary not in names and (boundary == "edge" or isinstance(boundary, int)):
         if side is not None:
             raise InputError(f"the edge has one side only; leave side out, got {shown(side)}.")
         loop = None if boundary == "edge" else int(boundary)
         in_space = scene.surface.dim == 3 and 3 in member_dimensions(scene.surface)
         rule = None if in_space else rim_rule(scene.surface, solution.spacing, loop)
-        total = form.flux(solution.values, boundary, None, solution.data_time)
+        total = form.flux(solution.values, boundary, None, solution.data_time, chosen)
         if total is None:
-            feet, weights = rule or rim_rule(scene.surface, solution.spacing, loop)
-            total = weights @ form.conormal_derivative(solution.values, feet.points)
+            if rule is None:
+                raise InputError(_NO_FLUX.get(form.form, _NO_FLUX["collocation"]))
+            feet, weights = rule
+            density = form.conormal_derivative(solution.values, feet.points)
+            total = (weights if chosen is None else weights * chosen(feet.points)) @ density
     else:
         name = str(boundary)
         number, checked = boundary_number(scene.boundaries, name), _check_side(name, side)
-        total = form.flux(solution.values, name, checked, solution.data_time)
+        total = form.flux(solution.values, name, checked, solution.data_time, chosen)
         if total is None:
             source = scene.boundaries[number].source
             points, weights = boundary_rule(source, scene.surface, solution.spacing)
-            total = weights @ form.conormal_derivative(solution.values, points, name, checked)
+            density = form.conormal_derivative(solution.values, points, name, checked)
+            total = (weights if chosen is None else weights * chosen(points)) @ density
         _warn_of_infinite_flux(solution, number)
+    if matches and not any(matches):
+        raise InputError(f"`where` holds at no point of {shown(boundary)}, got {shown(where)}.")
     return float(total[0]) if solution.channels == 1 else np.asarray(total)
+
+
+def _part_of(where: Any, matches: list[bool]) -> Callable[[Floats], Bools]:
+    """Return whether ``where``, a formula or a function, holds at points (n, d).
+
+    Each call appends to ``matches`` whether it holds at any of them. Raises InputError if ``where`` is neither.
+    """
+    holds = read_formula(Expression, where, "`where`") if isinstance(where, str) else where
+    if not callable(holds):
+        raise InputError(f"`where` must be a formula such as 'x < 0', or a function of points, got {shown(where)}.")
+
+    def chosen(points: Floats) -> Bools:
+        found = np.asarray(evaluate_data(holds, points, 1, "`where`")[:, 0] != 0)
+        matches.append(bool(found.any()))
+        return found
+
+    return chosen
 
 
 def _warn_of_infinite_flux(solution: SolutionRecord, number: int) -> None:

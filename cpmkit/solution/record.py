@@ -264,7 +264,9 @@ class SolutionRecord:
 
         return self._read_at_points(points, read)
 
-    def flux(self, boundary: str | int, side: Side | None = None) -> float | Floats:
+    def flux(
+        self, boundary: str | int, side: Side | None = None, where: str | Callable[[Floats], Any] | None = None
+    ) -> float | Floats:
         """Return the flux out of a side of a boundary: the integral of du/db over the boundary.
 
         b is the unit conormal out of that side: it points across the boundary to the right for the left side, to the
@@ -277,6 +279,9 @@ class SolutionRecord:
             The name of a boundary; ``"edge"`` or the number of a loop for the edge of the manifold.
         side : "left" or "right"
             Of a boundary; an edge has none.
+        where : formula, or function of points, optional
+            The part of the boundary over which to integrate, such as ``"x < 0"``. Take the `where` of a part of the
+            edge to get the flux through that part.
 
         Returns
         -------
@@ -286,8 +291,9 @@ class SolutionRecord:
         Raises
         ------
         InputError
-            If there is no such boundary or edge, ``side`` is missing or given for an edge, or the boundary has no sides
-            (a point on a surface); for an edge of a solid in space in the form ``collocation``, or without a mesh.
+            If there is no such boundary or edge, ``where`` holds nowhere on it, ``side`` is missing or given for an
+            edge, or the boundary has no sides (a point on a surface); for an edge of a solid in space in the form
+            ``collocation``, or without a mesh; for an edge that lies on another member of a union.
 
         Examples
         --------
@@ -301,7 +307,7 @@ class SolutionRecord:
         """
         from cpmkit.solution.integrals import flux
 
-        return flux(self, boundary, side)
+        return flux(self, boundary, side, where)
 
     def flux_density(self, boundary: str, side: Side, points: Any) -> Floats:
         """Return du/db, (n,) or (n, channels), at the points of a boundary nearest to ``points`` (n, d).

@@ -233,3 +233,45 @@ def test_a_point_on_a_surface_has_no_flux():
     solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(0.0), [pin]), 0.2)
     with pytest.raises(ck.InputError, match="side of 'pin' must be 'left' or 'right' of a boundary that has sides"):
         solution.flux("pin", "left")
+
+
+@pytest.mark.parametrize(("form", "share"), [("galerkin", 0.02), ("collocation", 0.35)])
+def test_the_flux_through_a_part_is_that_of_the_points_where_a_formula_holds(form, share):
+    """u = x on a cap: du/db = 0.3 cos(t) along the rim of radius sqrt(0.91)."""
+    rim = ck.Dirichlet("x")
+    cap = ck.Scene(ck.source("analytic.cap", height=0.3), ck.ScreenedPoisson("3*x"), edge=rim)
+    solution = ck.solve(cap, 0.2, form=form)
+    half = solution.flux("edge", where="x > 0")
+    assert half == pytest.approx(0.6 * np.sqrt(0.91), rel=share)
+    assert half + solution.flux(0, where=lambda x: x[:, 0] <= 0) == pytest.approx(solution.flux("edge"), abs=1e-12)
+    with pytest.raises(ck.InputError, match=r"`where` holds at no point of 'edge', got 'x > 5'"):
+        solution.flux("edge", where="x > 5")
+    with pytest.raises(ck.InputError, match="`where` must be a formula"):
+        solution.flux("edge", where=3)
+
+
+def test_parts_of_the_skin_of_a_box_have_fluxes_and_other_numbers_are_named():
+    """u = x / 2."""
+    box = ck.source("analytic.box", lower=[0, 0, 0], upper=[2, 1, 1])
+    faces = [(ck.Dirichlet(0.0), "x < 1e-9"), (ck.Dirichlet(1.0), "x > 2 - 1e-9"), ck.Neumann(0.0)]
+    solution = ck.solve(ck.Scene(box, ck.Laplace(), edge=faces), 0.25)
+    through = [solution.flux(0), solution.flux("edge", where="x < 1e-9"), solution.flux("edge", where="x > 2 - 1e-9")]
+    assert through == pytest.approx([-0.5, -0.5, 0.5], abs=1e-6)
+    with pytest.raises(ck.InputError, match="no loop 6; its loops are 0, 1, 2, 3, 4, 5"):
+        solution.flux(6)
+
+
+def test_the_flux_through_a_part_of_a_boundary():
+    solution = ck.solve(two_sided(**SIDES["dirichlet"]), 0.25)
+    parts = [solution.flux("circle", "left", where) for where in ("x > 0.1", "x <= 0.1")]
+    assert sum(parts) == pytest.approx(solution.flux("circle", "left"), rel=1e-9)
+
+
+def test_an_edge_with_a_steklov_condition_says_what_its_flux_is():
+    ball = ck.source("solid", of=ck.source("analytic.sphere"))
+    modes = ck.solve(ck.Scene(ball, ck.Eigen(count=2), edge=ck.Steklov()), 0.5)
+    with pytest.raises(ck.InputError, match=r"with ck\.Steklov\(\) is not computed: it is the eigenvalue times"):
+        modes.flux("edge")
+    forms = ck.solve(ck.Scene(ball, ck.Poisson(1.0), edge=ck.Dirichlet(0.0)), 0.5, form="collocation")
+    with pytest.raises(ck.InputError, match="the form 'collocation' computes no flux"):
+        forms.flux("edge")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -22,10 +22,11 @@ from cpmkit.linear.multigrid.solver import Level
 from cpmkit.linear.operators import Border, CsrOperator, Operator, plus_diagonal
 from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.diffusivities import StateDiffusivity
+from cpmkit.scene.edge_conditions import EdgeLoopError
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Flux, Mixed, Spectral
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Side, SparseMatrix
+from cpmkit.types import Bools, Floats, Side, SparseMatrix
 
 #: Levels are made while k h of the level is at most the first number, 6.3 nodes a wavelength, and the first level while
 #: it is at most the second. On spheres and tori of 20 to 90 thousand unknowns iterations are 15 to 18 up to 1, as
@@ -258,13 +259,21 @@ class EquationAssembly:
         terms = self.scene.problem.terms()
         return self.condition_terms(terms, self.coefficients.diffusivity(terms.diffusivity))
 
-    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
+    def flux(
+        self,
+        u: Floats,
+        boundary: str | int,
+        side: Side | None,
+        time: float | None,
+        where: Callable[[Floats], Bools] | None = None,
+    ) -> Floats | None:
         """Return the integrals (channels,) of du/db over a side of a boundary, a loop of the rim or the whole rim.
 
-        ``boundary`` is a name, or the number of a loop; any other name means the rim. They follow from the residual of
-        ``u`` (n, channels) in the weak form with data at ``time``; None if the eigenvalue is a factor of the flux, and
-        for rims without samples, unless A is a tensor: then 0. For a tensor A, du/db is the derivative along
-        A b / (b . A b), b the conormal outwards. Raises InputError if ``side`` is not one of the boundary's.
+        ``boundary`` is a name, or the number of a loop; any other name means the rim. ``where`` selects samples by
+        their points (k, d). They follow from the residual of ``u`` (n, channels) in the weak form with data at
+        ``time``; None if the eigenvalue is a factor of the flux, and for rims without samples, unless A is a tensor:
+        then 0. For a tensor A, du/db is the derivative along A b / (b . A b), b the conormal outwards. Raises
+        InputError if ``side`` is not one of the boundary's, or there is no such loop.
         """
         sampled, samples = self.coefficients.sampled, self.coefficients.sampled.boundary
         names = [boundary.name for boundary in self.coefficients.boundaries]
@@ -276,11 +285,17 @@ class EquationAssembly:
             chosen = samples.on_rim
             if isinstance(boundary, int):
                 rows = np.flatnonzero(chosen)
-                chosen[rows] = (
-                    rim_loops(samples.take(rows), sampled.surface, self.coefficients.space.spacing) == boundary
-                )
+                loops = rim_loops(samples.take(rows), sampled.surface, self.coefficients.space.spacing)
+                if len(rows) and boundary not in loops:
+                    numbers = np.unique(loops[loops >= 0]).tolist()
+                    named = "its loops are {loops}" if numbers else "its source gives no loop a number"
+                    raise EdgeLoopError(f"The edge has no loop {{loop}}; {named}.", boundary, (), numbers)
+                chosen[rows] = loops == boundary
             if not chosen.any():  # nothing flows out of a rim without a condition
                 return np.zeros(u.shape[1]) if self.scene.has_tensor else None
+        if where is not None:
+            rows = np.flatnonzero(chosen)
+            chosen[rows] = where(sampled.lattice.to_scene(samples.points[rows]))
         return self.terms_of_solution(u).flux(u, chosen, time)
 
     # Constants

@@ -16,7 +16,7 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.part_borders import PartAt
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import same_condition
-from cpmkit.scene.edge_conditions import check_parts_used, conditions_along, loops_of_edge
+from cpmkit.scene.edge_conditions import EdgeLoopError, check_parts_used, conditions_along, loops_of_edge
 from cpmkit.scene.laws import Mixed, Value, checked_beta
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
@@ -213,12 +213,15 @@ def _rim_conditions(
         loops = np.unique(loop_of).tolist()
         missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(loops))
         if missing:
-            numbers = ", ".join(str(loop) for loop in loops if loop >= 0)
+            numbers = [loop for loop in loops if loop >= 0]
             unnumbered = "its source gives no edge a number, `edge` is -1 on the rim" if loops else "it is closed"
-            named = f"its loops are {numbers}" if numbers else unnumbered
-            raise SceneError(
-                f"`edge` gives a condition for loop {missing[0]}, and the manifold has no such loop: {named}; leave it "
-                "out, or correct the number."
+            named = "its loops are {loops}" if numbers else unnumbered
+            raise EdgeLoopError(
+                f"`edge` gives a condition for loop {{loop}}, and the manifold has no such loop: {named}; leave it "
+                "out, or correct the number.",
+                missing[0],
+                scene.edge,
+                numbers,
             )
     elif not len(rows) and not _covers_rims(samples):
         raise ClosedManifoldError("the manifold is closed and has no edge, so `edge` cannot be given; leave it out.")

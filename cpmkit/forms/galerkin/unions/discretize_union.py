@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import ClosedManifoldEr
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.unions.junctions import ON_SPACINGS, Contact, PointContact, mean_over_circles
-from cpmkit.forms.galerkin.unions.part_scenes import scenes_by_dimension, without_edge
+from cpmkit.forms.galerkin.unions.part_scenes import loop_of_union, scenes_by_dimension, without_edge
 from cpmkit.forms.galerkin.unions.union_form import GalerkinUnion
 from cpmkit.forms.galerkin.unions.union_parts import UnionPart
 from cpmkit.forms.options import Options
@@ -21,6 +22,7 @@ from cpmkit.grid.lattice import lattice_of
 from cpmkit.manifold.abilities import HasSkin, members_of
 from cpmkit.manifold.meetings import Meeting, is_near, meetings_of, touching_distance
 from cpmkit.manifold.vector_algebra import norms
+from cpmkit.scene.edge_conditions import EdgeLoopError
 from cpmkit.scene.junction import Junction, JunctionLaw, check_radii, junction_of
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints, Progress
@@ -43,7 +45,11 @@ def discretize_union(
     options = replace(options, origin=lattice_of(scene.surface, options.spacing, options.origin).origin)
     parts: list[UnionPart] = []
     for numbers, own in scenes_by_dimension(scene):
-        form, is_closed = _discretize_part(own, options, progress, discretize)
+        try:
+            form, is_closed = _discretize_part(own, options, progress, discretize)
+        except EdgeLoopError as error:
+            given = scene.edge if isinstance(scene.edge, Mapping) else ()
+            raise error.renumber(given, partial(loop_of_union, scene.surface, numbers)) from None
         unknowns, points = (parts[-1].unknowns.stop, parts[-1].points.stop) if parts else (0, 0)
         taken = _taken_edge(scene, numbers, form)
         part = UnionPart(

@@ -104,11 +104,23 @@ def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> Edge
 
 def own_loop_of(surface: ClosestPointSource, numbers: Sequence[int], loop: int) -> int | None:
     """Return the number in the union of the members ``numbers`` of an edge loop of ``surface``; None if it has none."""
-    members = members_of(surface)
-    starts = np.cumsum([0] + [edge_limit_of(member) for member in members])
-    own_starts = np.cumsum([0] + [edge_limit_of(members[number]) for number in numbers])
+    starts, own_starts = _first_loops(surface, numbers)
     member = int(np.searchsorted(starts, loop, side="right")) - 1
     return int(loop - starts[member] + own_starts[numbers.index(member)]) if member in numbers else None
+
+
+def loop_of_union(surface: ClosestPointSource, numbers: Sequence[int], own_loop: int) -> int:
+    """Return the number on ``surface`` of an edge loop of the union of its members ``numbers``."""
+    starts, own_starts = _first_loops(surface, numbers)
+    position = min(int(np.searchsorted(own_starts, own_loop, side="right")), len(numbers)) - 1
+    return int(own_loop - own_starts[position] + starts[numbers[position]])
+
+
+def _first_loops(surface: ClosestPointSource, numbers: Sequence[int]) -> tuple[Ints, Ints]:
+    """Return the first numbers of the members' loops, and the end: on ``surface``, and on the union of ``numbers``."""
+    members = members_of(surface)
+    starts = np.cumsum([0] + [edge_limit_of(member) for member in members])
+    return starts, np.cumsum([0] + [edge_limit_of(members[number]) for number in numbers])
 
 
 def restrict_data(data: Any, numbers: Sequence[int], own: ClosestPointSource) -> Any:

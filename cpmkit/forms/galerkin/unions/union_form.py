@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,11 +12,12 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.form_records import Diagnosis, FormTraits
-from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_law
+from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_law, rim_loops
 from cpmkit.forms.galerkin.equation_assembly import multigrid_applies
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.solve_memory import GalerkinWork
 from cpmkit.forms.galerkin.unions.part_scenes import (
+    loop_of_union,
     own_loop_of,
     scenes_by_dimension,
 )
@@ -27,10 +28,11 @@ from cpmkit.linear.residuals import SolveReport
 from cpmkit.manifold.mixed_dimension import near_miss_warnings
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.data import Data
+from cpmkit.scene.edge_conditions import EdgeLoopError
 from cpmkit.scene.junction import crossed_member_warnings
 from cpmkit.scene.laws import Spectral
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
+from cpmkit.types import Bools, Floats, Ints, Side, Sides, SparseMatrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,17 +193,30 @@ class GalerkinUnion(UnionAssembly, Discretized):
             found[rows] = part.form.conormal_derivative(u[part.unknowns], at[rows])
         return found
 
-    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
+    def flux(
+        self,
+        u: Floats,
+        boundary: str | int,
+        side: Side | None,
+        time: float | None,
+        where: Callable[[Floats], Bools] | None = None,
+    ) -> Floats | None:
         """Return the integrals (channels,) of du/db over a side of a boundary, or the edges of all members."""
         if boundary in [each.name for each in self.scene.boundaries]:
             part = self._part_with(str(boundary))
-            return part.form.flux(u[part.unknowns], boundary, side, time)
+            return part.form.flux(u[part.unknowns], boundary, side, time, where)
         if isinstance(boundary, int):
             part, loop = self._part_with_loop(boundary)
-            return part.form.flux(u[part.unknowns], loop, side, time)
-        found = [part.form.flux(u[part.unknowns], boundary, side, time) for part in self.parts]
+            try:
+                flux = part.form.flux(u[part.unknowns], loop, side, time, where)
+            except EdgeLoopError as error:
+                raise error.renumber((), partial(loop_of_union, self.scene.surface, part.numbers)) from None
+            _check_not_junction([part], loop)
+            return flux
+        found = [part.form.flux(u[part.unknowns], boundary, side, time, where) for part in self.parts]
         if any(conditions_with_law(form.conditions, Spectral) for form in self.forms):
             return None
+        _check_not_junction(self.parts, None)
         # nothing flows out of an edge without a condition
         return sum((each for each in found if each is not None), np.zeros(u.shape[1]))
 
@@ -283,3 +298,26 @@ class GalerkinUnion(UnionAssembly, Discretized):
                 return words
             start_of_nodes, start_of_sides = start_of_nodes + nodes, start_of_sides + sides
         return "" if start_of_nodes == len(saved["nodes"]) else "its nodes are others"
+
+
+def _check_not_junction(parts: Iterable[UnionPart], loop: int | None) -> None:
+    """Raise InputError if the edge of ``parts``, or its ``loop``, lies on other members alone: its flux enters them."""
+    edges = [(part, rows) for part in parts if len(rows := _edge_samples(part, loop))]
+    if not edges or not all(np.isin(rows, part.taken).all() for part, rows in edges):
+        return
+    part = edges[-1][0]
+    raise InputError(
+        f"the edge of member {part.numbers[0]} is a junction, and its flux enters another member. In a steady problem "
+        "from which nothing flows out elsewhere, it is the integral of c u - f over that member: "
+        f"solution.integrate(lambda x, u: c * u - f, dim={part.dim - 1})."
+    )
+
+
+def _edge_samples(part: UnionPart, loop: int | None) -> Ints:
+    """Return the samples (k,) on the edge of a ``part``, or on its ``loop``."""
+    sampled = part.form.sampled
+    rows = np.flatnonzero(sampled.boundary.on_rim)
+    if loop is None or not len(rows):
+        return rows
+    loops = rim_loops(sampled.boundary.take(rows), sampled.surface, part.form.space.spacing)
+    return np.asarray(rows[loops == loop], dtype=np.int64)

@@ -389,7 +389,12 @@ def test_a_curve_on_a_surface_needs_a_radius_and_room():
 
 @pytest.mark.parametrize(
     ("junctions", "sentence"),
-    [(1.0, "must be a ck.Junction"), ({(0, 2): ck.Junction()}, "2 members"), ({(0, 1): 0.1}, "got 0.1")],
+    [
+        (1.0, "must be a ck.Junction"),
+        (None, r"leave it out for a continuous u. Got None; the union has the members 0 to 1\."),
+        ({(0, 2): ck.Junction()}, "the members 0 to 1"),
+        ({(0, 1): 0.1}, r"Got 0.1 for \(0, 1\)"),
+    ],
 )
 def test_junctions_that_are_none_are_refused(junctions, sentence):
     with pytest.raises(SceneError, match=sentence):
@@ -397,3 +402,28 @@ def test_junctions_that_are_none_are_refused(junctions, sentence):
     for bad in ({"resistance": -1.0}, {"radius": 0.0}):
         with pytest.raises(InputError, match="of a junction"):
             ck.Junction(**bad)
+
+
+def test_the_flux_into_a_member_is_refused_with_the_integral_that_it_is():
+    cell = ck.source("union", members=[BALL, SPHERE])
+    f, c = ck.MemberData(cell, [1.0, 0.0]), ck.MemberData(cell, ["0.1", 0.5])
+    solution = ck.solve(ck.Scene(cell, ck.Elliptic(f=f, c=c), junctions=ck.Junction(resistance=0.5)), 0.3)
+    for edge in ("edge", 0):
+        with pytest.raises(InputError, match=r"member 0 is a junction.*integral of c u - f.*dim=2\)"):
+            solution.flux(edge)
+    into = solution.integrate(lambda x, u: 0.5 * u, dim=2)
+    assert into == pytest.approx(solution.integrate(lambda x, u: 1 - 0.1 * u, dim=3), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("edge", "sentence"),
+    [
+        ({0: 1.0}, r"edge loop 1001 for which `edge` gives no condition.*: `edge` has 0\."),
+        ({1001: 1.0, 1005: 1.0}, r"condition for loop 1005, and .* its loops are 1000, 1001"),
+    ],
+)
+def test_loops_of_members_have_their_numbers_in_the_union(edge, sentence):
+    both = ck.source("union", members=[SPHERE, ROD])
+    scene = ck.Scene(both, ck.ScreenedPoisson(0.0), edge=edge, junctions=ck.Junction(radius=0.05))
+    with pytest.raises(SceneError, match=sentence):
+        ck.solve(scene, 0.3)
