@@ -12,7 +12,14 @@ import numpy as np
 from cpmkit.accuracy.adaptive_run import AdaptiveRun, SolveStep, TimedSolve
 from cpmkit.accuracy.error_estimate import ErrorEstimate, estimate_alone, estimate_from
 from cpmkit.accuracy.estimate import check_estimable, shifted_origin
-from cpmkit.accuracy.spacing_search import CUBIC_ERROR, Status, errors_stagnate, predicted_bytes, search_spacing
+from cpmkit.accuracy.spacing_search import (
+    CUBIC_ERROR,
+    Status,
+    answers_used_up,
+    errors_stagnate,
+    predicted_bytes,
+    search_spacing,
+)
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
 from cpmkit.families.context import Checkpointing
@@ -243,11 +250,13 @@ def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: fl
     if run.failure is not None:
         why = str(run.failure) or f"memory ran out ({type(run.failure).__name__})."
         return f"{target.target} not reached: {error}{slow}; a further solve was refused: {why}"
-    finest = f"the finest that {_limits_in_words(run)} allow"
+    finest = f"no finer solve fits into {_limits_in_words(run)}"
+    if answers_used_up(run):
+        finest = f"the search ends here; spacing={run.last.spacing / 2:.2g} is the next to try"
     if errors_stagnate(run):
-        finest = "and smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much"
+        finest = "smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much"
     if status == "within":
-        return f"{error}, {finest}{slow}."
+        return f"{error}; {finest}{slow}."
     if status == "reached":
         return f"tolerance {target.tolerance:g} reached: {error}{slow}."
     if status == "floor":
@@ -261,7 +270,7 @@ def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: fl
     if target.tolerance is None:
         return f"{target.seconds:g} seconds were not enough, it took {run.elapsed:.2g}: {error}{slow}."
     doubt = "; errors do not fall yet as they should" if size <= target.tolerance else ""
-    return f"tolerance {target.tolerance:g} not reached: {error}, {finest}{doubt}{slow}."
+    return f"tolerance {target.tolerance:g} not reached: {error}; {finest}{doubt}{slow}."
 
 
 def _degree_sentence(run: AdaptiveRun, best: TimedSolve) -> str:

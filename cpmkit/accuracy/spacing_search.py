@@ -31,6 +31,8 @@ MOST_SLOW_ORDER = 1.3
 #: largest, so that solutions can be compared, and no integer, since lattices would share nodes; and the ratio up to
 #: which no solve is made in between.
 LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.38, 2.45, 3.3
+#: Number of answers after which the search ends.
+MOST_ANSWERS = 3
 #: The largest ratio from the cheap first solve to the second, and the ratio without an estimate of the first.
 FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.48, 2.2
 #: The error below which cubic splines take less time than quadratic ones: the mean over a sphere and a torus, by the
@@ -99,7 +101,7 @@ def _refine_spacing(run: AdaptiveRun) -> None:
         for solve in run.solves[-2:]:
             run.solve("pilot", solve.spacing)
     answers = 0
-    while not _is_accepted(run, aim) and answers <= 2 and not errors_stagnate(run):
+    while not _is_accepted(run, aim) and answers < MOST_ANSWERS and not errors_stagnate(run):
         here = run.last.spacing
         coarse, fine = ((float(solve.spacing), float(solve.unknowns)) for solve in _last_two(run))
         growth = growth_through(fine, coarse, max(largest_dim(run.scene.surface), 1))
@@ -117,6 +119,11 @@ def _refine_spacing(run: AdaptiveRun) -> None:
             break
         answers += 1
         run.solve("answer" if answers == 1 else "correction", goal, start + slope * growth.count_at(goal))
+
+
+def answers_used_up(run: AdaptiveRun) -> bool:
+    """Return whether the search made all its answers, so that neither time nor memory ended it."""
+    return sum(solve.purpose in ("answer", "correction") for solve in run.solves) >= MOST_ANSWERS
 
 
 def _takes_cubic_splines(run: AdaptiveRun, tolerance: float) -> bool:

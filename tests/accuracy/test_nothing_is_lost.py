@@ -100,5 +100,5 @@ def test_a_search_ends_where_linear_solves_leave_more_than_the_spacing_does(opti
     assert found.solve_history.error == min(step.error for step in steps[1:])
     assert steps[-1].error >= steps[-2].error
     assert found.solve_history.summary.endswith(
-        ", and smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much."
+        "; smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much."
     )

@@ -10,6 +10,7 @@ from plane_zones import POINTS, slit
 from sample_shapes import box
 
 import cpmkit as ck
+from cpmkit.accuracy import spacing_search
 from cpmkit.accuracy.error_estimate import estimate_alone
 
 CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
@@ -191,10 +192,21 @@ def test_triangles_that_are_read_as_they_are_have_no_floor(mesh):
     assert np.sqrt(np.mean((solution.evaluate(points) - finer) ** 2)) < 1e-4 * np.ptp(finer)
 
 
+def test_a_search_that_made_all_its_answers_does_not_blame_the_memory(monkeypatch):
+    monkeypatch.setattr(spacing_search, "MOST_ANSWERS", 0)
+    scene = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson("2*x"))
+    with pytest.warns(
+        ck.CpmkitWarning, match=r"not reached: .*; the search ends here; spacing=0\.\d+ is the next to try"
+    ):
+        ck.solve(scene, tolerance=1e-7)
+
+
 def test_what_triangles_do_not_reach_within_the_memory_is_reported():
     vertices, faces = meshes.hull(meshes.icosphere(1))
     faceted = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="faceted")
-    with pytest.warns(ck.CpmkitWarning, match="tolerance 1e-09 not reached: .* 64 MiB of memory allow"):
+    with pytest.warns(
+        ck.CpmkitWarning, match="tolerance 1e-09 not reached: .* no finer solve fits into 64 MiB of memory"
+    ):
         solution = ck.solve(ck.Scene(faceted, ck.ScreenedPoisson(lambda x: x[:, 0])), tolerance=1e-9, memory="64 MiB")
     assert solution.solve_history.status == "not reached"
 
