@@ -90,7 +90,7 @@ def report_study(studies: tuple[Path, ...], table: Path | None, costs: Path | No
     click.echo(text)
     for report in reports:
         if report.compares_costs:
-            click.echo(f"\n{pareto_tables(report)}")
+            click.echo(f"\n**{report.title}**\n\n{pareto_tables(report)}")
     target = {table: text, costs: costs_table([(report.title, report.series) for report in reports])}
     pages = {page: content for page, content in target.items() if page is not None}
     for page, content in pages.items():

@@ -134,6 +134,10 @@ def differences_sentence(series: Sequence[Series]) -> str:
 COSTS = {"seconds": "CPU seconds", "mebibytes": "MiB"}
 
 
+#: A difference from a reference of at most this share of its range is rounding.
+SAME_SHARE = 1e-13
+
+
 @dataclass(frozen=True)
 class Attempt:
     """One entry of a series, with its error and its costs: the result of one method at one resolution."""
@@ -149,11 +153,16 @@ class Attempt:
 
 
 def attempts(series: Sequence[Series]) -> list[Attempt]:
-    """Return the entries of all series as attempts, which are compared in error and cost."""
+    """Return the entries of all series as attempts, which are compared in error and cost.
+
+    Those that are the reference itself are left out, such as ``fem-refined`` on a mesh that is fine enough.
+    """
     made = []
     for each in series:
         for entry in each.entries:
             unit = 2 * entry.half_range if entry.half_range > 0 else 1.0
+            if each.reference is not None and entry.rms_error <= SAME_SHARE * unit:
+                continue
             setting = f"{each.target} {entry.target:g}" if each.target else f"spacing {entry.spacing:g}"
             made.append(Attempt(each.label, setting, entry.rms_error / unit, entry.cpu_seconds, entry.bytes / 2**20))
     return made

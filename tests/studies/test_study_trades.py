@@ -1,5 +1,6 @@
 """Studies ask for errors and times; their reports say which run buys which error for what."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +16,7 @@ from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import memory_entries, run_study
 from cpmkit.studies.studyfile import load_study
 from cpmkit.studies.sweep import Run, Sweep
-from cpmkit.studies.tables import Attempt, cheapest_by_decade, pareto_front
+from cpmkit.studies.tables import Attempt, attempts, cheapest_by_decade, pareto_front
 
 TEXT = """
 [surface]
@@ -95,9 +96,12 @@ def test_a_record_has_the_target_and_the_result(file, tmp_path):
     every = group_into_series(read_records(outcome.file))
     assert [one.target for one in every] == ["", "", "tolerance", "tolerance"]
     assert [entry.target for entry in every[-1].entries] == [1e-2, 1e-3]
+    itself = replace(every[0].entries[0], rms_error=1e-17)
+    same = replace(every[0], reference="fem", entries=[itself, every[0].entries[1]])
+    assert [one.setting for one in attempts([same])] == ["spacing 0.1"]  # the first is the reference itself
     said = CliRunner().invoke(main, ["study", "report", str(tmp_path)])
     assert said.exit_code == 0, said.output
-    assert "| rms error below, of the range |" in said.output
+    assert f"\n**{load_study(file).title}**\n\n| rms error below, of the range |" in said.output
     assert "| unbeaten in | rms error, of the range |" in said.output
     assert "## What it cost, with errors in the unit of u" in (tmp_path / "report.md").read_text()
     assert (tmp_path / "trade.png").stat().st_size > 10_000
