@@ -192,7 +192,8 @@ class PointCloud:
             sentences.append(
                 f"The neighbours of {self.thick} of {count} samples of the cloud lie on no smooth surface, and the "
                 "solution may be off there; where sheets are close give normals, at creases more samples, where there "
-                "is noise more neighbours, unless more neighbours raise this count: then the patches are too wide."
+                f"is noise neighbours={3 * self.surface.patches.neighbours}, and fewer if that raises this count: then "
+                "the patches are too wide."
             )
         ends, target = self.open_samples
         if self.closed and ends:
