@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.accuracy.error_estimate import ErrorEstimate, difference, estimate_alone, estimate_from
 from cpmkit.dispatch import solve_scene
-from cpmkit.errors import InputError, ResolutionError
+from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.families.context import PreparingKeywords
 from cpmkit.families.steady import resolves_waves
 from cpmkit.forms.choice import FORMS
@@ -70,14 +70,14 @@ def _coarser_solutions(
 ) -> list[SolutionRecord]:
     """Return solutions at ``ratios`` times the spacing, or at the root of two times it if these are too coarse.
 
-    A lattice is too coarse if it is refused by a ResolutionError, or does not resolve bends of the manifold or waves
+    A lattice is too coarse if the scene is refused there, or does not resolve bends of the manifold or waves
     that the solution's lattice resolves. Raises ResolutionError, which names the spacing that the user gave, if root
     two times is refused as well.
     """
     spacing, ratio = solution.spacing, min(RATIOS[True])
     try:
         coarse_solutions = [solve_at(scene, factor * spacing) for factor in ratios]
-    except ResolutionError:
+    except (ResolutionError, SceneError):  # a scene may be refused at a coarse spacing, where parts of it come near
         coarse_solutions = []
     if coarse_solutions and (_is_unresolved(solution) or not _is_unresolved(coarse_solutions[-1])):
         return coarse_solutions
@@ -85,7 +85,7 @@ def _coarser_solutions(
         return coarse_solutions[:1]
     try:
         return [solve_at(scene, ratio * spacing)]
-    except ResolutionError as error:
+    except (ResolutionError, SceneError) as error:
         shorter = "a shorter step, " if scene.problem.family == "time" else ""
         raise ResolutionError(
             f"The error at spacing={spacing:g} is estimated by solving on coarser lattices, the finest at "

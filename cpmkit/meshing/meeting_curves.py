@@ -84,6 +84,28 @@ def split_at(source: LocalSource | FlatCurve, mesh: Mesh, points: Floats) -> Mes
     return Mesh.of(np.concatenate([mesh.vertices, points]), cells)
 
 
+def split_at_own_crossings(mesh: Mesh, source: LocalSource | None) -> Mesh:
+    """Return the segments of a curve with a vertex where two of them cross, on the ``source`` if it is given.
+
+    On a curve that bends, the vertex is off the crossing by the distance of the curve from its chords.
+    """
+    a, b = mesh.vertices[mesh.cells].transpose(1, 0, 2)
+    tolerance = WELDED_SIZE_SHARE * box_size(mesh.vertices)
+    i, j = _near_pairs(a, b, a, b, tolerance)
+    i, j = np.stack([i, j])[:, i < j]
+    p, q = nearest_on_chords(a[i], b[i], a[j], b[j])
+    common = (mesh.cells[i][:, :, None] == mesh.cells[j][:, None, :]).any(axis=(1, 2))
+    crosses = (norms(p - q) <= tolerance) & ~common
+    i, j, points = i[crosses], j[crosses], 0.5 * (p + q)[crosses]
+    if not len(i):
+        return mesh
+    points = points if source is None else source.closest_point(points).points
+    new = len(mesh.vertices) + np.arange(len(points))
+    rows, twice = np.concatenate([i, j]), np.tile(points, (2, 1))
+    cells = divide_segments(mesh.vertices, mesh.cells, rows, np.tile(new, 2), twice)
+    return repair(Mesh.of(np.concatenate([mesh.vertices, points]), cells))[0]
+
+
 def _joints(first: Curve, second: Curve, length: float, tolerance: float) -> Floats | None:
     """Return the points (k, d) where two curves meet, ends first; None if they touch apart from their ends."""
     at_ends = []

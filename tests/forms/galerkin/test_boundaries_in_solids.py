@@ -35,6 +35,22 @@ def solve(source, curves, condition, spacing, problem, edge=0.0):
     return ck.solve(ck.Scene(source, problem, boundaries, edge=edge), spacing, form="galerkin")
 
 
+#: Corners of a square in the plane z = 0, and of one in y = 0.
+SQUARE_FACES = 0.4 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+UPRIGHT_FACES = SQUARE_FACES[:, [0, 2, 1]]
+
+
+def plates(*squares):
+    """Return one mesh of squares, given by their corners."""
+    faces = [[4 * k, 4 * k + i, 4 * k + i + 1] for k in range(len(squares)) for i in (1, 2)]
+    return ck.source("mesh.triangles", vertices=np.concatenate(squares), faces=faces, closest="faceted")
+
+
+def box(half):
+    vertices, faces = ck.source("analytic.box", lower=[-half] * 3, upper=[half] * 3).mesh(10.0)
+    return ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="faceted")
+
+
 def linear(x):
     return x @ np.array([1.0, -0.7]) + 0.3
 
@@ -174,6 +190,41 @@ def test_each_side_of_a_boundary_is_read():
     assert found.signed_distance("b0", [[0.4, 0.0, 0.0], [0.0, 0.6, 0.0]]) == pytest.approx([-0.1, 0.1])
 
 
+def test_points_on_knot_planes_and_in_thin_strips_are_read_on_their_side():
+    sides, at = {"left": 1.0, "right": 0.0}, np.linspace(-0.9, 0.9, 7)
+    found = solve(SQUARE, [line([-2, 0.1], [2, 0.1])], sides, 0.2, ck.ScreenedPoisson(0.0), ck.Neumann(0.0))
+    assert found.evaluate([[0.0, 0.1]], side="both") == pytest.approx(np.array([[1.0, 0.0]]), abs=1e-2)
+    strip = solve(SQUARE, [line([-2, 0.995], [2, 0.995])], sides, 0.2, ck.ScreenedPoisson(0.0), ck.Neumann(0.0))
+    assert strip.evaluate(np.stack([at, 0 * at + 0.9951], axis=1)) == pytest.approx(1.0, abs=1e-3)
+    fold = line([-2, 0], [0.5, 0], [0.5, 0.01], [-2, 0.01])
+    found = solve(SQUARE, [fold], {"right": 0.0, "left": 1.0}, 0.2, ck.ScreenedPoisson(0.0))
+    assert found.evaluate([[0.1, 0.002], [0.1, 0.005], [0.1, 0.008]]) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["a line", "a curve"])
+def test_a_curve_that_crosses_itself_encloses_its_loop(name):
+    """u = 1 in one loop and 0 elsewhere, with no flux through the curve."""
+    loop = np.array([[0.4 - 0.98 / 1.7, 0.9 * 0.98 / 1.7 - 0.39], [0.3, 0.51], [0.4, -0.39]])
+    curve = line([-0.7, -0.29], loop[1], loop[2], [-0.6, 0.51])
+    if name == "a curve":
+        formulas = ["0.7*sin(t)", "0.5*sin(2*t)"]
+        curve = ck.source("parametric.curve", x=formulas, range=[0, "2*pi"], periodic=True)
+
+    def in_loop(x):
+        if name == "a curve":
+            height = 0.5 * np.sin(2 * np.arcsin(np.clip(np.abs(x[:, 0]) / 0.7, 0, 1)))
+            return 1.0 * ((x[:, 0] < 0) & (x[:, 0] > -0.7) & (np.abs(x[:, 1]) < height))
+        edges = np.roll(loop, -1, axis=0) - loop
+        across = edges[:, 0] * (x[:, None, 1] - loop[:, 1]) - edges[:, 1] * (x[:, None, 0] - loop[:, 0])
+        return 1.0 * (across < 0).all(axis=1)
+
+    insulated = ck.Neumann(0.0)
+    found = solve(SQUARE, [curve], {"both": insulated}, 0.13, ck.ScreenedPoisson(in_loop), insulated)
+    points = inside(SQUARE)
+    off = np.abs(found.evaluate(points) - in_loop(points))
+    assert np.sort(off)[-5] < 1e-6
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.3])
 def test_a_crack_with_its_tip(angle):
     """sqrt(r) sin(theta / 2) has no flux through the crack; as on surfaces, the root of its error falls with h."""
@@ -264,8 +315,12 @@ def test_boundaries_that_are_refused():
         with pytest.raises(ck.SceneError, match=words):
             solve(SQUARE, curves, condition, 0.1, problem)
     spheres = [ck.source("analytic.sphere", radius=0.4, center=[x, 0.0, 0.0]) for x in (-0.2, 0.2)]
-    with pytest.raises(ck.SceneError, match="'b0' and 'b1' cross each other inside a solid in space"):
+    with pytest.raises(ck.SceneError, match="boundary 'b1' crosses boundary 'b0' near"):
         solve(BALL, spheres, condition, 0.2, problem)
+    with pytest.raises(ck.SceneError, match="boundary 'b0' crosses itself near"):
+        solve(BALL, [plates(SQUARE_FACES, UPRIGHT_FACES)], condition, 0.3, problem)
+    for surfaces in ([box(0.2), box(0.5)], [ck.source("analytic.sphere", radius=0.2), plates(SQUARE_FACES + [0, 0, 0.4])]):
+        assert solve(BALL, surfaces, condition, 0.3, problem)
     ring = [ck.source("analytic.circle", radius=0.5, center=[0.0, 0.0, 0.0], normal=[0, 0, 1])]
     with pytest.raises(ck.SceneError, match="takes curves in a plane solid, or surfaces in one in space"):
         solve(BALL, ring, condition, 0.2, problem)

@@ -19,7 +19,6 @@ from cpmkit.forms.galerkin.solids.skin import (
     FlatPart,
     Skin,
     areas_of,
-    cell_components,
     joined,
     middles_of,
     with_turned,
@@ -28,10 +27,12 @@ from cpmkit.forms.galerkin.solids.tip_extensions import EXTENDED_SPACINGS, exten
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.vector_algebra import dots, norms
-from cpmkit.mesh.adjacency import WELDED_SIZE_SHARE, box_size, repair
+from cpmkit.mesh.adjacency import WELDED_SIZE_SHARE, box_size, facets_of_two_cells, repair
+from cpmkit.mesh.crossing_triangles import edges_through_triangles
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.sectors import sector_facets
-from cpmkit.meshing.meeting_curves import Curve, FlatCurve, meetings_of_curves, split_at
+from cpmkit.meshing.meeting_curves import Curve, FlatCurve, meetings_of_curves, split_at, split_at_own_crossings
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Bools, Floats, Ints
@@ -72,6 +73,10 @@ def split_where_curves_meet(
     skin_parts = [part for member in skin for part in member]
     count = len(skin_parts)
     parts = [replace(part, mesh=repair(part.mesh)[0]) for part in (*skin_parts, *inside)]
+    parts[count:] = [
+        replace(part, mesh=split_at_own_crossings(part.mesh, None if part.geometry == "flat" else part.source))
+        for part in parts[count:]
+    ]
     curves: list[Curve] = [
         (FlatCurve(part.mesh) if part.boundary is None else part.boundary, part.mesh) for part in parts
     ]
@@ -102,13 +107,22 @@ def _meetings(curves: Sequence[Curve], labels: Sequence[str], count: int, length
     """
     meetings = [mesh.vertices[:0] for _, mesh in curves]
     for i, j in combinations(range(len(curves)), 2):
-        if j < count:
+        if j < count or _are_apart(curves[i][1], curves[j][1], length):
             continue
         found = meetings_of_curves([curves[i], curves[j]], length)
         if found is None:
             raise SceneError(f"{labels[j]} touches {labels[i]}, or runs along it; let it cross, or keep away from it.")
         meetings[i], meetings[j] = np.concatenate([meetings[i], found[0]]), np.concatenate([meetings[j], found[1]])
     return meetings
+
+
+def _are_apart(first: Mesh, second: Mesh, gap: float) -> bool:
+    """Return whether the boxes of two meshes are farther apart than ``gap`` along an axis."""
+    low, high = (
+        np.maximum(first.vertices.min(axis=0), second.vertices.min(axis=0)),
+        np.minimum(first.vertices.max(axis=0), second.vertices.max(axis=0)),
+    )
+    return bool((low > high + gap).any())
 
 
 def _check_not_near(tip: Floats, number: int, curves: Sequence[Curve], labels: Sequence[str], lattice: Lattice) -> None:
@@ -153,6 +167,9 @@ def _first_meeting(start: Floats, end: Floats, curve: Curve, length: float) -> t
     The second result (k, d) is that point, if it exists.
     """
     segment = Mesh.of(np.stack([start, end]), np.array([[0, 1]]))
+    reach = 0.5 * float(norms(end - start))
+    if curve[0].closest_point(0.5 * (start + end)[None]).distance[0] > reach * (1 + 1e-6):
+        return end, np.zeros((0, len(start)))
     found = meetings_of_curves([(FlatCurve(segment), segment), curve], length)
     points = np.zeros((0, len(start))) if found is None else found[0]
     distance = norms(points - start)
@@ -188,7 +205,7 @@ def with_boundaries_inside(
             plus = _left_of_normals(flat, boundary, lattice)
             parts.append(_two_sided(part, flat, number, plus, np.ones(len(plus), dtype=bool)))
     if solid.dim == 3:
-        _check_apart(inside, [boundary.boundary.name for boundary in oriented])
+        _check_apart(parts, skin, [boundary.boundary.name for boundary in oriented], lattice)
     return joined([skin, *parts])
 
 
@@ -261,25 +278,31 @@ def _left_of_normals(mesh: Mesh, boundary: OrientedBoundary, lattice: Lattice) -
     feet, on = boundary.feet(lattice.to_scene(middles) - boundary.left.origin)
     leftward = boundary.leftward(feet, on, DIFFERENCE_SPACINGS * lattice.spacing)
     votes, winding = dots(areas, leftward), mesh.winding
-    count, part = cell_components(mesh)
+    pairs = facets_of_two_cells(mesh)[1] // mesh.cells.shape[1]
+    count, part = connected_components(len(mesh.cells), pairs)
     sums = np.bincount(part, votes * winding, count)
     return np.where(winding == 0, votes, sums[part] * winding) > 0
 
 
-def _check_apart(inside: Sequence[FlatPart], names: Sequence[str]) -> None:
-    """Raise SceneError if two surfaces meet: an edge of one leads from one side of the other to the other side."""
-    for (first, name), (second, other) in combinations(zip(inside, names, strict=True), 2):
-        for a, b in ((first, second), (second, first)):
-            ends = a.mesh.edges.ends
-            feet = b.source.closest_point(a.mesh.vertices)
-            off = a.mesh.vertices - feet.points
-            across = dots(off[ends[:, 0]], off[ends[:, 1]]) < 0
-            near = norms(off[ends]).max(axis=1) <= a.mesh.edge_lengths
-            if np.any(across & near & (feet.edge[ends] < 0).all(axis=1)):
-                raise SceneError(
-                    f"boundaries {name!r} and {other!r} cross each other inside a solid in space, which the form "
-                    "'galerkin' does not yet take; end one of them there, or use form='collocation'."
-                )
+def _check_apart(parts: Sequence[Skin], skin: Skin, names: Sequence[str], lattice: Lattice) -> None:
+    """Raise SceneError if a surface inside crosses itself, another one, or the ``skin`` of the solid."""
+    whole = joined([*parts, skin]).mesh
+    first = np.concatenate([(part.twin < 0) | (np.arange(len(part.twin)) < part.twin) for part in (*parts, skin)])
+    owner = np.concatenate([part.owner for part in (*parts, skin)])
+    mesh = Mesh.of(whole.vertices, whole.cells[first])
+    edge, cell = edges_through_triangles(mesh)
+    if not len(cell):
+        return
+    of_edge = np.full(len(mesh.edges.ends), -1)
+    of_edge[mesh.edges.of_cells] = owner[first][:, None]
+    at = place(lattice.to_scene(mesh.vertices[mesh.cells[cell[0]]].mean(axis=0)))
+    pair = sorted({int(of_edge[edge[0]]), int(owner[first][cell[0]])}, reverse=True)
+    labels = ["the boundary of the solid" if number < 0 else f"boundary {names[number]!r}" for number in pair]
+    other = labels[1] if len(labels) > 1 else "itself"
+    raise SceneError(
+        f"{labels[0]} crosses {other} near {at}, which the form 'galerkin' does not yet take in space; end one of them "
+        "there, or use form='collocation'."
+    )
 
 
 def welded(mesh: Mesh, points: Floats) -> Mesh:

@@ -49,8 +49,22 @@ class SolidLocator:
         Points on boundary b are evaluated on ``side_of[b]``, by default left.
         """
         points, spacing, patches = feet.points, self.sampled.lattice.spacing, self.sampled.patches
-        aside = self._moved_aside(points, side_of) / spacing
-        patch = patches.patches_at(np.floor(aside + 0.5).astype(np.int64), aside)
+        aside, near = points.copy(), []
+        for number, rows, signed, leftward in self.near_boundaries(points):
+            # Flat facets of curved boundaries differ from these by less than the distance by which points are moved.
+            side = side_of.get(number)
+            within = ON_BOUNDARY_SPACINGS if side is None else READ_FROM_SIDE_SPACINGS
+            signs = np.where(np.abs(signed) < within * spacing, -1.0 if side == "right" else 1.0, np.sign(signed))
+            aside[rows] += (ASIDE_SPACINGS * spacing * signs - signed)[:, None] * leftward
+            near.append((number, rows, signs))
+        patch = patches.patches_at(np.floor(aside / spacing + 0.5).astype(np.int64), aside / spacing)
+        for number, rows, signs in near:  # moved points may lie past a thin strip beside the boundary
+            is_other = (patch[rows] < 0) | (self.sides_of_patches[number][patch[rows]] * signs < 0)
+            for sign in (1.0, -1.0):
+                moved = rows[is_other & (signs == sign)]
+                if len(moved):
+                    samples, tree = self._samples_on_side(number, sign > 0)
+                    patch[moved] = self.sampled.boundary.cell[samples[tree.query(points[moved])[1]]]
         missing = np.flatnonzero(patch < 0)  # on the skin, in a cell that it only touches
         if len(missing):
             boundary = self.sampled.boundary
@@ -61,19 +75,34 @@ class SolidLocator:
             patch[missing] = boundary.cell[rows[np.arange(len(missing)), nearest]]
         return patch, np.zeros(len(patch), dtype=np.int64)
 
-    def _moved_aside(self, points: Floats, side_of: Mapping[int, Side]) -> Floats:
-        """Return ``points`` (k, d), those very near boundaries inside moved away from these, on their own side.
+    @cached_property
+    def sides_of_patches(self) -> list[Ints]:
+        """For each boundary (p,): 1 for patches on its left alone, -1 for those on its right alone, else 0."""
+        sampled = self.sampled
+        on = (sampled.boundary.owner >= 0) & ~sampled.boundary.beyond_tip
+        found = []
+        for number in range(len(sampled.oriented)):
+            own = on & (sampled.boundary.owner == number)
+            sides = np.zeros((2, len(sampled.patches.cells)), dtype=np.int64)
+            for row, side in enumerate((sampled.left, ~sampled.left)):
+                sides[row, sampled.boundary.cell[own & side]] = 1
+            found.append(sides[0] - sides[1])
+        return found
 
-        Flat facets of curved boundaries differ from them by less than that distance.
-        """
-        aside, spacing = points, self.sampled.lattice.spacing
-        for number, near, signed, leftward in self.near_boundaries(points):
-            side = side_of.get(number)
-            within = ON_BOUNDARY_SPACINGS if side is None else READ_FROM_SIDE_SPACINGS
-            signs = np.where(np.abs(signed) < within * spacing, -1.0 if side == "right" else 1.0, np.sign(signed))
-            aside = aside.copy()
-            aside[near] += (ASIDE_SPACINGS * spacing * signs - signed)[:, None] * leftward
-        return aside
+    def _samples_on_side(self, number: int, is_left: bool) -> tuple[Ints, Any]:
+        """Return the samples (k,) on a side of a boundary and their k-d tree; cached."""
+        from scipy.spatial import cKDTree
+
+        if (number, is_left) not in self._sides:
+            boundary = self.sampled.boundary
+            rows = np.flatnonzero((boundary.owner == number) & ~boundary.beyond_tip & (self.sampled.left == is_left))
+            self._sides[number, is_left] = rows, cKDTree(boundary.points[rows])
+        return self._sides[number, is_left]
+
+    @cached_property
+    def _sides(self) -> dict[tuple[int, bool], tuple[Ints, Any]]:
+        """The cache of :meth:`_samples_on_side`."""
+        return {}
 
     def near_boundaries(self, points: Floats) -> Iterator[tuple[int, Ints, Floats, Floats]]:
         """Yield each boundary inside that has a left, and which of ``points`` (k, d) are very near it.
@@ -170,15 +199,11 @@ class SolidCoefficients(SampleCoefficients):
 
         The facets by which patches are separated differ slightly from curved boundaries.
         """
-        sampled, across = self.sampled, [np.zeros(0, dtype=np.int64)]
-        boundary, sides = sampled.boundary, np.where(sampled.left, 1, -1)
+        across = [np.zeros(0, dtype=np.int64)]
         for number, near, signed, _ in self.locator.near_boundaries(points):
-            on, side = (boundary.owner == number) & ~boundary.beyond_tip, np.zeros(len(sampled.patches.cells))
-            np.add.at(side, boundary.cell[on], sides[on])
-            near_own = np.sign(side[own[near]])
-            across.append(
-                near[(near_own * signed < READ_FROM_SIDE_SPACINGS * sampled.lattice.spacing) & (near_own != 0)]
-            )
+            side = self.locator.sides_of_patches[number][own[near]]
+            is_across = side * signed < READ_FROM_SIDE_SPACINGS * self.sampled.lattice.spacing
+            across.append(near[is_across & (side != 0)])
         return np.concatenate(across)
 
     @cached_property

@@ -1,0 +1,46 @@
+"""Edges of a triangle mesh that pass through triangles of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.types import Bools, Floats, Ints
+
+#: Sine of the angle below which an edge lies in the plane of a triangle, as those of flat surfaces do.
+LEAST_SLOPE = 1e-6
+#: Pairs of edges and triangles that are tested at a time, to bound memory.
+PAIRS_AT_ONCE = 2**20
+
+
+def edges_through_triangles(mesh: Mesh) -> tuple[Ints, Ints]:
+    """Return edges (k,) and triangles (k,) of a flat ``mesh`` that cross inside both, without a common vertex."""
+    from scipy.spatial import cKDTree
+
+    ends, corners = mesh.vertices[mesh.edges.ends], mesh.vertices[mesh.cells]
+    middles, centres = ends.mean(axis=1), corners.mean(axis=1)
+    radius = norms(corners - centres[:, None]).max(axis=1)
+    near = cKDTree(centres).query_ball_point(middles, 0.5 * mesh.edge_lengths + radius.max(initial=0.0))
+    counts = np.array([len(rows) for rows in near], dtype=np.int64)
+    edge = np.repeat(np.arange(len(middles)), counts)
+    cell = np.concatenate([np.zeros(0), *near]).astype(np.int64)
+    found = []
+    for start in range(0, len(edge), PAIRS_AT_ONCE):
+        rows = slice(start, start + PAIRS_AT_ONCE)
+        crosses = _cross(ends[edge[rows]], corners[cell[rows]])
+        apart = (mesh.edges.ends[edge[rows], :, None] != mesh.cells[cell[rows], None, :]).all(axis=(1, 2))
+        found.append(start + np.flatnonzero(crosses & apart))
+    chosen = np.concatenate([np.zeros(0, dtype=np.int64), *found])
+    return edge[chosen], cell[chosen]
+
+
+def _cross(ends: Floats, corners: Floats) -> Bools:
+    """Return whether segments ``ends`` (n, 2, 3) pass through triangles ``corners`` (n, 3, 3), ends and sides too."""
+    p, q = ends[:, 0], ends[:, 1]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    before, after = (dots(normal, x - corners[:, 0]) for x in (p, q))
+    sides = np.stack([dots(np.cross(corners[:, k] - p, corners[:, k - 2] - p), q - p) for k in range(3)])
+    slope = np.abs(before - after) > LEAST_SLOPE * norms(normal) * norms(q - p)
+    within = (sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)
+    return np.asarray((before * after <= 0) & slope & within)
