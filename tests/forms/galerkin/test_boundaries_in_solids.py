@@ -319,7 +319,10 @@ def test_boundaries_that_are_refused():
         solve(BALL, spheres, condition, 0.2, problem)
     with pytest.raises(ck.SceneError, match="boundary 'b0' crosses itself near"):
         solve(BALL, [plates(SQUARE_FACES, UPRIGHT_FACES)], condition, 0.3, problem)
-    for surfaces in ([box(0.2), box(0.5)], [ck.source("analytic.sphere", radius=0.2), plates(SQUARE_FACES + [0, 0, 0.4])]):
+    for surfaces in (
+        [box(0.2), box(0.5)],
+        [ck.source("analytic.sphere", radius=0.2), plates(SQUARE_FACES + [0, 0, 0.4])],
+    ):
         assert solve(BALL, surfaces, condition, 0.3, problem)
     ring = [ck.source("analytic.circle", radius=0.5, center=[0.0, 0.0, 0.0], normal=[0, 0, 1])]
     with pytest.raises(ck.SceneError, match="takes curves in a plane solid, or surfaces in one in space"):
