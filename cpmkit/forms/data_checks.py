@@ -241,6 +241,8 @@ def data_warnings(
     found: list[str] = []
     for data in _checked_data(form, conditions, vertices, read_at):
         varies = [*_variation_warnings(form.scene, data, width)]
+        if varies and data.label in COEFFICIENTS and form.scene.boundaries:  # which may jump at boundaries
+            varies = [*_variation_warnings(form.scene, data._replace(normals=_sides(form, data.points)), width)]
         found += varies or _jump_warnings(form.scene, data._replace(points=read_at), width)
     return found
 
@@ -277,16 +279,19 @@ def _checked_data(
     f is left out if the equation smooths it; ``vertices`` and ``points`` are as for :func:`data_warnings`.
     """
     terms, points = form.scene.problem.terms(), points[_compared_rows(len(points))]
-    # data may jump at boundaries: points on different sides are not compared
-    distances = [form.signed_distance(boundary.name, points) for boundary in form.scene.boundaries]
-    sides = np.sign(np.nan_to_num(np.stack(distances, axis=1))) if distances else None
     if not _is_smoothed(form, terms, vertices):
-        yield DataAtPoints(COEFFICIENTS[0], terms.f, points, sides)
-    yield DataAtPoints(COEFFICIENTS[1], terms.c, points, sides)
-    yield DataAtPoints(COEFFICIENTS[2], terms.diffusivity, points, sides)
+        yield DataAtPoints(COEFFICIENTS[0], terms.f, points)
+    yield DataAtPoints(COEFFICIENTS[1], terms.c, points)
+    yield DataAtPoints(COEFFICIENTS[2], terms.diffusivity, points)
     for condition in conditions:
         rows, normals = _compared_rows(len(condition.points)), condition.normals
         yield condition._replace(points=condition.points[rows], normals=None if normals is None else normals[rows])
+
+
+def _sides(form: Discretized, points: Floats) -> Floats:
+    """Return the sides (k, b), 1 for left and -1 for right, of ``points`` (k, d) of each boundary of a scene."""
+    distances = [form.signed_distance(boundary.name, points) for boundary in form.scene.boundaries]
+    return np.sign(np.nan_to_num(np.stack(distances, axis=1)))
 
 
 def _is_smoothed(form: Discretized, terms: Terms, vertices: int) -> bool:
