@@ -11,7 +11,6 @@ import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots, nearest_shares, norms, unit
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
 #: An edge of the rim whose middle is nearer than this share of its length to another edge of the rim lies on it.
@@ -223,6 +222,8 @@ def box_size(vertices: Floats) -> float:
 def _welded_vertices(vertices: Floats) -> Ints:
     """Return for each vertex (v,) the first of those linked to it by steps up to ``WELDED_SIZE_SHARE`` of the box."""
     from scipy.spatial import cKDTree
+
+    from cpmkit.runtime.index_sets import connected_components
 
     if not len(vertices):
         return np.zeros(0, dtype=np.int64)
