@@ -45,18 +45,29 @@ def stiffness_and_mass(
     stiffness, mass : csr_array (v, v)
     """
     dim = next(k for k in (2, 1) if NODES[k, degree] == faces.shape[1])
-    return (
-        _assemble(vertices, faces, _basis_for_products(dim, degree, diffusivity), diffusivity, True),
-        _assemble(vertices, faces, _basis_for_products(dim, degree, density), density, False),
+    stiffness, mass = (
+        _assemble(vertices, faces, _basis_for_products(dim, degree, a), a if a is None else a[faces], slopes)
+        for a, slopes in ((diffusivity, True), (density, False))
     )
+    return stiffness, mass
 
 
 def weighted_mass(vertices: Floats, cells: Ints, weight: Floats, manifold_dim: int, degree: int) -> csr_array:
-    """Return the integrals (v, v) of w u v over ``cells`` (m, c), the nodes of each in the order of its element.
+    """Return the integrals (v, m c) of w u v over ``cells`` (m, c), with v a function of one cell alone, cell by cell.
 
-    ``weight`` (v,) is w at the nodes ``vertices`` (v, d), a polynomial of ``degree`` in each cell.
+    ``weight`` (m, c) is w at the nodes of each cell, in the order of its element, a polynomial of ``degree`` there.
     """
-    return _assemble(vertices, cells, _basis_for_products(manifold_dim, degree, weight), weight, False)
+    shape = _basis_for_products(manifold_dim, degree, weight)
+    return _assemble(vertices, cells, shape, weight, False, np.arange(cells.size).reshape(cells.shape))
+
+
+def gathered(matrix: csr_array, cells: Ints, size: int) -> csr_array:
+    """Return a ``matrix`` (v, m c), with a column for each node of each of ``cells`` (m, c), as one (v, ``size``)."""
+    from scipy.sparse import csr_array
+
+    corners = np.arange(cells.size)
+    made: csr_array = (matrix @ csr_array((np.ones(cells.size), (corners, cells.ravel())), (cells.size, size))).tocsr()
+    return made
 
 
 def lump_mass(mass: csr_array) -> csr_array:
@@ -71,25 +82,28 @@ def _basis_for_products(manifold_dim: int, degree: int, weight: Floats | None) -
     return basis_at_quadrature(manifold_dim, degree, degree * (PRODUCTS + (weight is not None)))
 
 
-def _assemble(vertices: Floats, cells: Ints, shape: Shape, weight: Floats | None, slopes: bool) -> csr_array:
+def _assemble(
+    vertices: Floats, cells: Ints, shape: Shape, weight: Floats | None, slopes: bool, columns: Ints | None = None
+) -> csr_array:
     """Return the integrals (v, v) over ``cells`` (m, c) of w u v, or, if ``slopes``, of w grad u . grad v.
 
-    ``weight`` (v,) is w at the nodes ``vertices`` (v, d), None for 1; ``shape`` are the basis functions at the points.
+    ``weight`` (m, c) is w at the nodes of each cell, None for 1; ``shape`` are the basis functions at the points.
+    ``columns`` (m, c) are the numbers of the functions v, by default the nodes.
     """
     from scipy.sparse import csr_array
 
     measure, inverse = measure_and_pseudoinverse(jacobians(vertices, cells, shape))
     measure = measure * shape.weights
     if weight is not None:
-        measure = measure * (weight[cells] @ shape.values)
+        measure = measure * (weight @ shape.values)
     gradients = [np.einsum("kq,kdmq->dmq", slope, inverse) for slope in shape.slopes] if slopes else []
     blocks = []
     for i, j in _pairs(cells.shape[1]):
         product = np.sum(gradients[i] * gradients[j], axis=0) if slopes else shape.values[i] * shape.values[j]
-        blocks.append((cells[:, i], cells[:, j], np.sum(product * measure, axis=1)))
-    rows, columns, entries = (np.concatenate([one[k] for one in blocks]) for k in range(3))
+        blocks.append((cells[:, i], (cells if columns is None else columns)[:, j], np.sum(product * measure, axis=1)))
+    row, column, entries = (np.concatenate([one[k] for one in blocks]) for k in range(3))
     size = len(vertices)
-    return csr_array((entries, (rows, columns)), shape=(size, size))
+    return csr_array((entries, (row, column)), shape=(size, size if columns is None else columns.size))
 
 
 def _pairs(count: int) -> list[tuple[int, int]]:

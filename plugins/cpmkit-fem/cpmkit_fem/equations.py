@@ -23,7 +23,7 @@ from cpmkit.plugin import (
     Terms,
     Value,
 )
-from cpmkit_fem.assembly import lump_mass, stiffness_and_mass
+from cpmkit_fem.assembly import gathered, lump_mass, stiffness_and_mass
 from cpmkit_fem.on_nodes import OnNodes
 from cpmkit_fem.operator import VertexOperator, diagonal_matrix, pinned_operator, zero_pinned_rows
 from cpmkit_fem.rim import RimPart
@@ -58,11 +58,11 @@ class Equations(OnNodes):
         for tie in self.ties:
             if not tie.prescribes_jump:
                 matrix = (matrix + tie.stiffness(a)).tocsr()
-        rims = [part.mass(a / part.law.alpha) for part in self._flows]
+        rims = [part.facet_mass(a[part.edges] / part.law.alpha) for part in self._flows]
         for part in self._flows:
             if isinstance(part.law, Mixed):
-                beta = part.data_at_vertices(part.law.beta, 1, None)[:, 0]
-                matrix = (matrix + part.mass(a * beta / part.law.alpha)).tocsr()
+                beta = part.facet_data(part.law.beta, 1, None).reshape(part.edges.shape)
+                matrix = (matrix + part.mass(a[part.edges] * beta / part.law.alpha)).tocsr()
         fixed = not callable(terms.c) and bool(terms.c)
         return pinned_operator(self.matrix_of_unknowns(matrix), self.pins.vertices, rims, fixed, a)
 
@@ -88,7 +88,7 @@ class Equations(OnNodes):
         assert isinstance(stiffness, VertexOperator)
         b = np.zeros((self.size, self.scene.channels))
         for part, rim in zip(self._flows, stiffness.rims, strict=True):
-            b += rim @ part.data_at_vertices(part.law.datum, self.scene.channels, time)
+            b += rim @ part.facet_data(part.law.datum, self.scene.channels, time)
         for tie in self.ties:
             b += tie.load(stiffness.diffusivity, self.scene.channels, time)
         b = self.load_of_unknowns(b)
@@ -99,7 +99,7 @@ class Equations(OnNodes):
         """Return integrals of a u v over the parts of the rim with the law du/db = lambda u; None if there are none."""
         assert isinstance(stiffness, VertexOperator)
         pairs = zip(self._flows, stiffness.rims, strict=True)
-        spectral = [rim for part, rim in pairs if isinstance(part.law, Spectral)]
+        spectral = [gathered(rim, part.edges, self.size) for part, rim in pairs if isinstance(part.law, Spectral)]
         if not spectral:
             return None
         return CsrOperator(

@@ -28,8 +28,8 @@ class VertexOperator(CsrOperator):
         A.
     coupling : csr_array (v, p)
         The matrix that multiplies the p prescribed values and is subtracted from b: K_fp, and -D at the vertex itself.
-    rims : sequence of csr_array (v, v)
-        For each part of the rim, the integrals of a u v divided by the law's alpha.
+    rims : sequence of csr_array (v, e c)
+        For each part of the rim, the integrals of a u v divided by the law's alpha, v a function of one facet alone.
     fixed : bool
         Whether c alone surely fixes the solution.
     diffusivity : (v,) float64

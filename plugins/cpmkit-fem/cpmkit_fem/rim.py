@@ -23,7 +23,7 @@ from cpmkit.plugin import (
     conditions_along,
     evaluate_data,
 )
-from cpmkit_fem.assembly import weighted_mass
+from cpmkit_fem.assembly import gathered, weighted_mass
 from cpmkit_fem.cell_mesh import CellMesh
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ OUTSIDE_EDGE_SHARE = 0.25
 STILL = 1e-9
 #: Distance along the rim, as a share of half an edge, of data from a boundary that ends there.
 ALONG_SHARE = 1e-6
+#: Data of fluxes are evaluated this share of the way from a facet's nodes to its middle, and extrapolated from there.
+INSIDE_SHARE = 1e-4
 #: Label of the edge's condition in errors.
 EDGE_LABEL = "the edge's condition"
 
@@ -90,15 +92,30 @@ class RimPart:
         """Return the law's datum (k, channels) at :attr:`points`; ``time`` is None for steady problems."""
         return evaluate_data(self.law.datum, self.points, channels, self.label, time)
 
-    def data_at_vertices(self, data: Data, channels: int, time: float | None) -> Floats:
-        """Return ``data`` (n, channels), evaluated for the part's vertices and zero at all other nodes of the mesh."""
-        values = np.zeros((len(self.mesh.nodes), channels))
-        values[self.vertex_numbers] = evaluate_data(data, self.points, channels, self.label, time)
-        return values
+    @cached_property
+    def facet_points(self) -> Floats:
+        """(e c, d) points at which data of fluxes are evaluated: the nodes of each facet, a little inside of it.
+
+        At a corner of the rim, where normals jump, each facet has data of its own.
+        """
+        points = inside_facets(self.mesh.nodes[self.edges]).reshape(-1, self.mesh.nodes.shape[1])
+        return points if self.place is None else self.place.closest_point(points).points
+
+    def facet_data(self, data: Data, channels: int, time: float | None) -> Floats:
+        """Return ``data`` (e c, channels) at the nodes of each facet, extrapolated linearly from inside of it."""
+        values = evaluate_data(data, self.facet_points, channels, self.label, time)
+        of_facets = values.reshape(*self.edges.shape, channels)
+        share = INSIDE_SHARE * (self.edges.shape[1] > 1)
+        found = (of_facets - share * of_facets.mean(axis=1, keepdims=True)) / (1 - share)
+        return np.asarray(found.reshape(-1, channels))
+
+    def facet_mass(self, weight: Floats) -> csr_array:
+        """Return integrals (n, e c) of w u v over the part, v a function of one facet alone; ``weight`` w is (e, c)."""
+        return weighted_mass(self.mesh.nodes, self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree)
 
     def mass(self, weight: Floats) -> csr_array:
-        """Return integrals (n, n) of w u v over the part; ``weight`` w (n,) has values at nodes and is a polynomial."""
-        return weighted_mass(self.mesh.nodes, self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree)
+        """Return integrals (n, n) of w u v over the part, ``weight`` (e, c) as in :meth:`facet_mass`."""
+        return gathered(self.facet_mass(weight), self.edges, len(self.mesh.nodes))
 
     # For Newton's method where the flux depends on u
 
@@ -117,13 +134,20 @@ class RimPart:
 
     def linearise(self, seen: Floats) -> RimPart:
         """Return the part with the linear law ``du/db = j(v) + j'(v) (u - v)``, v = ``seen`` (k,) at its vertices."""
-        slope, flux = self._flux.slope_at(seen, self.points), self._flux.flux_at(seen, self.points)
-        return replace(self, law=Mixed(1.0, lambda _: -slope, lambda _: flux - slope * seen))
+        places = np.searchsorted(self.vertex_numbers, self.edges)
+        near = inside_facets(seen[places][..., None]).ravel()
+        slope, flux = self._flux.slope_at(near, self.facet_points), self._flux.flux_at(near, self.facet_points)
+        return replace(self, law=Mixed(1.0, lambda _: -slope, lambda _: flux - slope * near))
 
     @property
     def _flux(self) -> Nonlinear:
         assert isinstance(self.law, Nonlinear)
         return self.law
+
+
+def inside_facets(values: Floats) -> Floats:
+    """Return ``values`` (e, c, k) at the nodes of facets, moved by :data:`INSIDE_SHARE` of the way to their mean."""
+    return np.asarray(values + INSIDE_SHARE * (values.mean(axis=1, keepdims=True) - values))
 
 
 def rim_of(scene: Scene, mesh: CellMesh, excluded: Ints) -> Sequence[RimPart]:

@@ -29,7 +29,7 @@ from cpmkit.plugin import (
     SceneError,
     evaluate_data,
 )
-from cpmkit_fem.assembly import weighted_mass
+from cpmkit_fem.assembly import gathered, weighted_mass
 from cpmkit_fem.cell_mesh import CellMesh
 
 if TYPE_CHECKING:
@@ -121,9 +121,9 @@ class Tie:
         return np.maximum(a[self.left], a[self.right]) / (NO_RESISTANCE_EDGES * self.mesh.mean_edge)
 
     def _mass(self, weight: Floats) -> csr_array:
-        return weighted_mass(
-            self.mesh.nodes[self.left], self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree
-        )
+        nodes, dim = self.mesh.nodes[self.left], self.mesh.manifold_dim - 1
+        of_facets = weighted_mass(nodes, self.edges, weight[self.edges], dim, self.mesh.degree)
+        return gathered(of_facets, self.edges, len(self.left))
 
     @cached_property
     def _difference(self) -> csr_array:

@@ -292,3 +292,21 @@ assert "skfem" in sys.modules
 """
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("kind", ["neumann", "robin"])
+def test_fluxes_jump_at_corners_of_the_rim(kind):
+    """A linear function on a square: each side has the flux of its own normal at the corners."""
+    square, slope = ck.source("analytic.box", lower=[-0.5, -0.5], upper=[0.5, 0.5]), np.array([1.0, -2.0])
+
+    def linear(x):
+        return x @ slope + 0.3
+
+    def flux(x):
+        axis = np.abs(x).argmax(axis=1)
+        return (np.sign(x) * slope)[np.arange(len(x)), axis]
+
+    edge = ck.Neumann(flux) if kind == "neumann" else ck.Robin(1.0, 2.0, lambda x: flux(x) + 2 * linear(x))
+    solution = ck.solve(ck.Scene(square, ck.ScreenedPoisson(linear), edge=edge), 0.2, backend="fem")
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (100, 2))
+    np.testing.assert_allclose(solution.evaluate(points), linear(points), atol=1e-11)
