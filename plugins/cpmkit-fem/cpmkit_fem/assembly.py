@@ -24,7 +24,7 @@ def stiffness_and_mass(
     density: Floats | None = None,
     degree: int = 1,
 ) -> tuple[csr_array, csr_array]:
-    """Return the integrals of a grad u . grad v and of c u v over a surface or a curve.
+    """Return the integrals of a grad u . grad v and of c u v over a solid, a surface or a curve.
 
     On flat triangles, without a and c, the first is the cotangent Laplacian (Pinkall and Polthier 1993; Dziuk 1988),
     positive semi-definite, and the second the consistent mass matrix.
@@ -34,7 +34,8 @@ def stiffness_and_mass(
     vertices : (v, d) float64
         d = 2 or 3.
     faces : (m, n) int64
-        Triangles with an area above zero, or segments; of degree 2 with their midpoints, which may lie off the chords.
+        Tetrahedra, triangles with an area above zero, or segments; of degree 2 with their midpoints, which may lie off
+        the chords.
     diffusivity, density : (v,) float64, optional
         a and c at the vertices, polynomials of the degree in between; 1 unless given.
     degree : int
@@ -44,7 +45,7 @@ def stiffness_and_mass(
     -------
     stiffness, mass : csr_array (v, v)
     """
-    dim = next(k for k in (2, 1) if NODES[k, degree] == faces.shape[1])
+    dim = next(k for k in (1, 2, 3) if NODES[k, degree] == faces.shape[1])
     stiffness, mass = (
         _assemble(vertices, faces, _basis_for_products(dim, degree, a), a if a is None else a[faces], slopes)
         for a, slopes in ((diffusivity, True), (density, False))

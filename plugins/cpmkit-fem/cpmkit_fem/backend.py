@@ -7,31 +7,36 @@ from dataclasses import dataclass, replace
 
 from cpmkit.plugin import (
     Backend,
+    ClosestPointSource,
     CutMesh,
     Floats,
     InputError,
     Progress,
     ResolutionError,
     Scene,
+    SceneError,
     cut_along_boundaries,
+    needed_spacing,
     no_progress,
 )
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.cell_mesh import CellMesh
+from cpmkit_fem.filling import fills_own_mesh, is_solid, solid_mesh
 from cpmkit_fem.flips import flip_thin_triangles
 from cpmkit_fem.form import FiniteElements
 from cpmkit_fem.on_nodes import conditions_of
 from cpmkit_fem.pins import pins_of
 from cpmkit_fem.quadratic import add_midpoints, fit_curved_cells
 from cpmkit_fem.ties import ties_of
-from cpmkit_fem.triangulation import own_mesh, scene_mesh
+from cpmkit_fem.triangulation import own_mesh, triangulation
 
 
 def fem() -> Backend:
     """Return the form ``solve(scene, spacing, backend="fem")``, whose one option is the ``degree``.
 
     A surface that is itself a mesh is solved on its own triangles and needs no spacing; any other that
-    can be drawn is triangulated with edges of about the spacing. Triangles are cut along the boundaries, and
+    can be drawn is triangulated with edges of about the spacing. A solid is filled with tetrahedra by TetGen, with
+    edges of about the spacing. Triangles are cut along the boundaries, and
     segments of a curve at boundary points.
     """
     return Elements()
@@ -63,12 +68,14 @@ class Elements:
         without a common vertex, the spacing is absent for a source that is no mesh, or not above zero, or the degree is
         neither 1 nor 2. Raise SceneError if a boundary lies off the cells or on another with a different condition, a
         point of a surface has another condition than a value, a condition that couples two sides has one or three, or
-        the edge has a place without condition. Raise ResolutionError if all vertices are pinned.
+        the edge has a place without condition, the boundary of a solid is not closed, or boundaries lie inside a solid.
+        Raise ResolutionError if all vertices are pinned, or the boundary of a solid is too curved for the spacing;
+        MissingDependencyError for a solid in space without TetGen.
 
         Parameters
         ----------
         scene : Scene
-            A surface or a curve; its boundaries and its edge have any conditions, a point of a surface a value.
+            A solid, surface or curve; its boundaries and its edge have any conditions, a point of a surface a value.
         spacing : float, optional
             About the length of an edge, in the scene's unit; a source that is a mesh ignores it.
         degree : int
@@ -79,8 +86,8 @@ class Elements:
         if degree not in (1, 2):
             raise InputError(f"backend='fem' has elements of degree 1 and 2, got degree={degree!r}; use degree=2.")
         progress("build", 0.0)
-        mesh, cut = scene_mesh(scene, spacing), None
-        curves_cells = degree == 2 and own_mesh(scene.surface) is None
+        mesh, cut = _scene_mesh(scene, spacing, cuts=True), None
+        curves_cells = degree == 2 and not _is_own_mesh(scene.surface)
         if scene.boundaries:
             cut = cut_along_boundaries(scene, mesh.nodes, mesh.cells, mesh.mean_edge)
             mesh = CellMesh(cut.vertices, cut.faces, mesh.manifold_dim)
@@ -109,7 +116,29 @@ class PinnedElements:
         if scene.surface.manifold_dim == 1:
             raise InputError("backend='fem-pinned' pins vertices of surfaces, got a curve; use backend='fem'.")
         progress("build", 0.0)
-        return _discretize(scene, scene_mesh(scene, spacing), None, progress)
+        return _discretize(scene, _scene_mesh(scene, spacing, cuts=False), None, progress)
+
+
+def _scene_mesh(scene: Scene, spacing: float | None, cuts: bool) -> CellMesh:
+    """Return the mesh of the scene's manifold, with edges of about ``spacing``; boundaries are not used.
+
+    Raise InputError as the functions that make it, or if a cell has no area or volume, SceneError for boundaries inside
+    a solid: in space, and in the plane if they shall be ``cuts``.
+    """
+    surface = scene.surface
+    if scene.boundaries and is_solid(surface) and surface.dim >= (2 if cuts else 3):
+        raise SceneError("finite elements take no boundaries inside a solid; leave `backend` out.")
+    if is_solid(surface) and surface.dim > 1:
+        mesh = solid_mesh(surface, needed_spacing(surface, spacing))
+    else:
+        mesh = triangulation(surface, spacing)
+    mesh.check_cells()
+    return mesh
+
+
+def _is_own_mesh(surface: ClosestPointSource) -> bool:
+    """Return whether the surface, or the boundary of a solid, is itself a mesh."""
+    return fills_own_mesh(surface) if is_solid(surface) else own_mesh(surface) is not None
 
 
 def _flat_cell_warnings(mesh: CellMesh, off: Floats) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Triangles of a surface or segments of a curve, with the nodes of their elements."""
+"""Tetrahedra of a solid, triangles of a surface or segments of a curve, with the nodes of their elements."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, Ints
-from cpmkit_fem.elements import EDGES_OF
+from cpmkit_fem.elements import EDGES_OF, shape_at
+from cpmkit_fem.surface_mapping import jacobians, measure_and_pseudoinverse
 
-#: A triangle whose doubled area is below this share of its longest edge squared has no gradient in float64.
-FLAT_TRIANGLE_SHARE = 1e-12
+#: A triangle whose doubled area is below this share of its longest edge squared has no gradient in float64; of a
+#: tetrahedron, six times the volume and the edge cubed.
+FLAT_SHARE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class CellMesh:
-    """Cells of one kind on a surface or a curve; each node is in use.
+    """Cells of one kind in a solid or on a surface or a curve; each node is in use.
 
     Attributes
     ----------
@@ -25,7 +27,7 @@ class CellMesh:
     cells : (m, c) int64
         The nodes of each: its corners, of degree 2 then midpoints in the order of :data:`EDGES_OF`.
     manifold_dim : int
-        2 for triangles, 1 for segments.
+        3 for tetrahedra, 2 for triangles, 1 for segments.
     degree : int
         Of the functions, 1 or 2.
     curved : bool
@@ -50,10 +52,7 @@ class CellMesh:
 
     @cached_property
     def facets(self) -> tuple[Ints, Ints, Ints]:
-        """The facets' nodes (f, c), edges or ends of cells; how many cells (f,) each has; a corner (f,) opposite it.
-
-        Of degree 2 the midpoint of an edge is the last of its nodes.
-        """
+        """The facets' nodes (f, c), as elements of one dimension less; the cells (f,) of each; a corner opposite it."""
         k = self.manifold_dim + 1
         around = (np.arange(k)[:, None] + np.arange(1, k)) % k
         facets, opposite = self.corners[:, around].reshape(-1, k - 1), self.corners.ravel()
@@ -62,14 +61,16 @@ class CellMesh:
         return self.facet_nodes(facets[first]), count, opposite[first]
 
     def facet_nodes(self, facets: Ints) -> Ints:
-        """Return the nodes (f, c) of facets that are given by their corners (f, k - 1), edges or points.
+        """Return the nodes (f, c) of facets that are given by their corners (f, k - 1); each edge is one of the mesh.
 
-        Of degree 2 the midpoint of an edge is the last of its nodes. Each edge must be one of the mesh.
+        Of degree 2 the midpoints of the edges, in the order of :data:`EDGES_OF`, follow the corners.
         """
         if self.degree == 1 or facets.shape[1] == 1:
             return facets
         keys, nodes = self._midpoints
-        return np.concatenate([facets, nodes[np.searchsorted(keys, self._edge_keys(facets))][:, None]], axis=1)
+        pairs = facets[:, EDGES_OF[facets.shape[1] - 1]]
+        found = nodes[np.searchsorted(keys, self._edge_keys(pairs.reshape(-1, 2)))]
+        return np.concatenate([facets, found.reshape(pairs.shape[:2])], axis=1)
 
     @cached_property
     def _midpoints(self) -> tuple[Ints, Ints]:
@@ -97,21 +98,25 @@ class CellMesh:
         return longest
 
     def check_cells(self) -> None:
-        """Raise InputError if the mesh has no cells, or has triangles without area."""
+        """Raise InputError if the mesh has no cells, or has triangles without area or tetrahedra without volume."""
         if not len(self.cells):
             raise InputError("backend='fem' needs triangles with three different corners, got none; take a finer mesh.")
         if self.manifold_dim == 1:
             return
-        a, b, c = (self.nodes[self.corners[:, k]] for k in range(3))
-        first, second = b - a, c - a
-        shear = np.sum(first * second, axis=1) / np.sum(first**2, axis=1)
-        twice_area = np.linalg.norm(first, axis=1) * np.linalg.norm(second - shear[:, None] * first, axis=1)
-        flat = np.flatnonzero(~(twice_area > FLAT_TRIANGLE_SHARE * self.longest_edges**2))
+        flat = np.flatnonzero(~(self.measures > FLAT_SHARE * self.longest_edges**self.manifold_dim))
         if len(flat):
+            cells, size = ("triangles", "an area") if self.manifold_dim == 2 else ("tetrahedra", "a volume")
             raise InputError(
-                f"backend='fem' needs triangles with an area, got {len(flat)} of {len(self.cells)} without, the first "
-                f"at {a[flat[0]].tolist()}; repair the mesh, or use backend='cpm'."
+                f"backend='fem' needs {cells} with {size}, got {len(flat)} of {len(self.cells)} without, the first "
+                f"at {self.nodes[self.corners[flat[0], 0]].tolist()}; repair the mesh, or use backend='cpm'."
             )
+
+    @property
+    def measures(self) -> Floats:
+        """(m,) k! times the length, area or volume of each cell with straight edges, k its dimension."""
+        vertex = shape_at(self.manifold_dim, 1, np.zeros((self.manifold_dim, 1)))
+        with np.errstate(invalid="ignore"):  # of cells without a measure
+            return measure_and_pseudoinverse(jacobians(self.nodes, self.corners, vertex))[0][:, 0]
 
 
 def edge_lengths(nodes: Floats, pairs: Ints) -> Floats:

@@ -10,9 +10,13 @@ import numpy as np
 from cpmkit.plugin import Floats, Ints
 
 #: Corners of a cell and nodes of an element, by the dimension of the manifold and the degree.
-NODES = {(0, 1): 1, (1, 1): 2, (2, 1): 3, (0, 2): 1, (1, 2): 3, (2, 2): 6}
+NODES = {(0, 1): 1, (1, 1): 2, (2, 1): 3, (3, 1): 4, (0, 2): 1, (1, 2): 3, (2, 2): 6, (3, 2): 10}
 #: The edges between the corners of a cell in the order of their midpoints, which follow the corners.
-EDGES_OF = {1: np.array([[0, 1]]), 2: np.array([[0, 1], [1, 2], [0, 2]])}
+EDGES_OF = {
+    1: np.array([[0, 1]]),
+    2: np.array([[0, 1], [1, 2], [0, 2]]),
+    3: np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]]),
+}
 #: The parts of an element between its nodes, by the dimension of the manifold and the degree.
 PARTS = {
     (1, 1): np.array([[0, 1]]),
@@ -69,17 +73,15 @@ def shape_at(manifold_dim: int, degree: int, points: Floats, weights: Floats | N
 
 
 def _element(manifold_dim: int, degree: int):  # type: ignore[no-untyped-def]  # scikit-fem has no types
-    """Return scikit-fem's Lagrange element of ``degree`` 1 or 2 on a reference segment or triangle."""
-    from skfem import ElementLineP1, ElementLineP2, ElementTriP1, ElementTriP2
+    """Return scikit-fem's Lagrange element of ``degree`` 1 or 2 on a reference segment, triangle or tetrahedron."""
+    import skfem
 
-    return {(1, 1): ElementLineP1, (2, 1): ElementTriP1, (1, 2): ElementLineP2, (2, 2): ElementTriP2}[
-        manifold_dim, degree
-    ]()
+    return getattr(skfem, f"Element{('Line', 'Tri', 'Tet')[manifold_dim - 1]}P{degree}")()
 
 
 def split_into_linear_cells(cells: Ints, manifold_dim: int, degree: int) -> Ints:
     """Return linear cells (p, k) between nodes of ``cells`` (m, n), those of one cell after those of another.
 
-    Of degree 2 a triangle has four, with its orientation, and a segment two.
+    Of degree 2 a triangle has four, with its orientation, and a segment two. Cells are no tetrahedra.
     """
     return np.ascontiguousarray(cells[:, PARTS[manifold_dim, degree]].reshape(-1, manifold_dim + 1))

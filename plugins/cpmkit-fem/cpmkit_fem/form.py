@@ -11,6 +11,7 @@ import numpy as np
 from cpmkit.plugin import (
     Data,
     Floats,
+    InputError,
     Ints,
     Operator,
     Side,
@@ -108,6 +109,11 @@ class FiniteElements(Equations):
         rows = reading_matrix(self.mesh, cell, local)
         return rows if self.change is None else (rows @ self.change).tocsr()
 
+    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
+        """Raise InputError: fluxes are not computed."""
+        del u, boundary, side, time
+        raise InputError("the form 'fem' computes no fluxes; use backend='cpm', of a solid form='galerkin'.")
+
     # Diagnosis
 
     def warnings(self) -> tuple[str, ...]:
@@ -139,6 +145,9 @@ class FiniteElements(Equations):
         """Return the mesh to draw, with the values of the unknowns ``u`` (n, channels) at its vertices."""
         from cpmkit.plugin import DisplayMesh, vertex_normals
 
-        drawn = self.scene.surface.dim == 3 and self.mesh.manifold_dim == 2
-        normals = vertex_normals(self.vertices, self.faces) if drawn else None
-        return DisplayMesh(self.vertices, self.faces, self.change_variables(u), normals, self.size)
+        vertices, faces, values = self.vertices, self.faces, self.change_variables(u)
+        if self.mesh.manifold_dim == 3:  # the vertices of the boundary alone
+            used, faces = np.unique(faces, return_inverse=True)
+            vertices, faces, values = vertices[used], faces.reshape(-1, 3), values[used]
+        normals = vertex_normals(vertices, faces) if vertices.shape[1] == faces.shape[1] == 3 else None
+        return DisplayMesh(vertices, faces, values, normals, len(vertices))

@@ -1,4 +1,4 @@
-"""The nearest point of triangles or segments: exact, by the nearest centroids with a bound that says when to stop."""
+"""The nearest point of cells: exact, by the nearest centroids with a bound that says when to stop."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ MOST_LOCATION_PAIRS = 1 << 18
 def nearest_cells(vertices: Floats, faces: Ints, queries: Floats) -> tuple[Ints, Floats]:
     """Return the cell (n,) that holds the nearest point of each of ``queries`` (n, d), and its coordinates (n, k).
 
-    ``faces`` (m, k) are triangles or segments between ``vertices`` (v, d); coordinates are barycentric. Cells are
-    searched in groups of similar radius, since a large cell would weaken the bound of all small cells.
+    ``faces`` (m, k) are tetrahedra, triangles or segments between ``vertices`` (v, d); coordinates are barycentric.
+    Cells are searched in groups of similar radius, since a large cell would weaken the bound of all small cells.
     """
     corners = vertices[faces]
     radii = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
@@ -57,7 +57,7 @@ def _nearest_cells_of_one_size(
             candidates, lengths = _foot_coordinates(corners[near], queries[part])
             pick = np.arange(len(part)), np.argmin(lengths, axis=1)
             member[part], weights[part], distance[part] = near[pick], candidates[pick], lengths[pick]
-            open_still = np.minimum(distance[part], bound[part]) > far[:, -1] - radius
+            open_still = np.minimum(distance[part], bound[part]) > np.maximum(far[:, -1] - radius, 0.0)
             unsettled.append(part[open_still & (count < len(corners))])
         rows, count = np.concatenate(unsettled), min(4 * count, len(corners))
     return member, weights, distance
@@ -68,6 +68,8 @@ def _foot_coordinates(corners: Floats, queries: Floats) -> tuple[Floats, Floats]
 
     ``corners`` (n, c, k, d) are those of c cells for each query.
     """
+    if corners.shape[2] == 4:
+        return _solid_foot_coordinates(corners, queries)
     if corners.shape[2] == 2:
         weights = _edge_foot_coordinates(corners, queries, 0)
         return weights, np.linalg.norm(np.einsum("nkc,nkcd->nkd", weights, corners) - queries[:, None, :], axis=2)
@@ -84,6 +86,26 @@ def _foot_coordinates(corners: Floats, queries: Floats) -> tuple[Floats, Floats]
         np.take_along_axis(weights, first[None, ..., None], axis=0)[0],
         np.take_along_axis(distance, first[None], axis=0)[0],
     )
+
+
+def _solid_foot_coordinates(corners: Floats, queries: Floats) -> tuple[Floats, Floats]:
+    """Return barycentric coordinates (n, c, 4) of the points of tetrahedra nearest to queries, and distances (n, c).
+
+    They are exact for the nearest tetrahedron; of queries inside one, other distances are infinite.
+    """
+    edges = np.moveaxis(corners[..., 1:, :] - corners[..., :1, :], -1, -2)
+    local = np.linalg.solve(edges, (queries[:, None, :] - corners[..., 0, :])[..., None])[..., 0]
+    weights = np.concatenate([1 - local.sum(axis=-1, keepdims=True), local], axis=-1)
+    distance = np.where((weights >= 0).all(axis=-1), 0.0, np.inf)
+    outside = np.flatnonzero(distance.min(axis=1) > 0)
+    for opposite in range(4):
+        facet = np.delete(np.arange(4), opposite)
+        of_facet, length = _foot_coordinates(corners[outside][:, :, facet], queries[outside])
+        row, cell = np.nonzero(length < distance[outside])
+        weights[outside[row], cell] = 0.0
+        weights[outside[row][:, None], cell[:, None], facet] = of_facet[row, cell]
+        distance[outside[row], cell] = length[row, cell]
+    return weights, distance
 
 
 def _plane_foot_coordinates(corners: Floats, queries: Floats) -> Floats:

@@ -10,19 +10,22 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 
 from cpmkit.plugin import CsrOperator, CutMesh, Discretized, Floats, FormTraits, Ints, Scene, conditions_depend_on_time
-from cpmkit_fem.cell_mesh import CellMesh
+from cpmkit_fem.cell_mesh import CellMesh, edge_lengths
 from cpmkit_fem.contacts import change_of_unknowns
-from cpmkit_fem.elements import split_into_linear_cells
+from cpmkit_fem.elements import EDGES_OF, split_into_linear_cells
 from cpmkit_fem.nearest import pinned_parts
 from cpmkit_fem.operator import zero_pinned_rows
 from cpmkit_fem.pins import Pins, pins_of
-from cpmkit_fem.rim import RimPart, rim_of
+from cpmkit_fem.rim import RimPart, outward_facets, rim_of
 from cpmkit_fem.sides import points_on_own_side, sides_of
 from cpmkit_fem.ties import Tie, ties_of
 from cpmkit_fem.work import FemWork
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+#: Matrices of tetrahedra are factorised up to so many times the usual number of unknowns.
+FACTORISED_OF_SOLIDS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +37,7 @@ class OnNodes(Discretized):
     scene : Scene
         The scene.
     mesh : CellMesh
-        The mesh of the surface or curve.
+        The mesh of the solid, surface or curve.
     cut : CutMesh or None
         The mesh with its edges on boundaries; None without boundaries, and where vertices near them are pinned.
     rim : sequence of RimPart
@@ -67,9 +70,10 @@ class OnNodes(Discretized):
 
     @property
     def traits(self) -> FormTraits:
-        """The form's traits: matrices of any size are factorised, since factors of those of triangles are sparse."""
+        """The form's traits: matrices of triangles of any size are factorised, since their factors are sparse."""
         libraries = ("cpmkit", "cpmkit-fem", "scikit-fem", "numpy", "scipy")
-        return FormTraits(factorise_up_to=np.inf, work_record=FemWork, libraries=libraries)
+        limit = FACTORISED_OF_SOLIDS if self.mesh.manifold_dim == 3 else np.inf
+        return FormTraits(factorise_up_to=limit, work_record=FemWork, libraries=libraries)
 
     @property
     def vertices(self) -> Floats:
@@ -78,8 +82,14 @@ class OnNodes(Discretized):
 
     @cached_property
     def faces(self) -> Ints:
-        """(m, k) triangles, k = 3, or segments, k = 2, between them; of degree 2 four or two to a cell."""
-        return split_into_linear_cells(self.mesh.cells, self.mesh.manifold_dim, self.mesh.degree)
+        """(m, k) triangles, k = 3, or segments, k = 2, between them; of degree 2 four or two to a cell.
+
+        Of a solid in space those of its boundary, with normals out of it.
+        """
+        mesh = self.mesh
+        if mesh.manifold_dim < 3:
+            return split_into_linear_cells(mesh.cells, mesh.manifold_dim, mesh.degree)
+        return split_into_linear_cells(outward_facets(mesh), 2, mesh.degree)
 
     @property
     def size(self) -> int:
@@ -89,13 +99,18 @@ class OnNodes(Discretized):
     @cached_property
     def spacing(self) -> float:
         """The mean length of a cell's edges; an edge of two cells counts twice."""
-        corners = self.vertices[self.mesh.corners]
-        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+        pairs = self.mesh.corners[:, EDGES_OF[self.mesh.manifold_dim]]
+        return float(edge_lengths(self.vertices, pairs.reshape(-1, 2)).mean())
 
     @cached_property
     def points(self) -> Floats:
         """(n, d) the nodes; those on boundaries moved a little to their own side, where both sides' data may differ."""
         return points_on_own_side(self.scene, self.mesh, self.cut)
+
+    @cached_property
+    def point_weights(self) -> Floats | None:
+        """(n,) the weights of nodes for integrals over a solid in space; None for others, whose mesh is drawn."""
+        return np.asarray(self.mass_matrix.sum(axis=1)).ravel() if self.mesh.manifold_dim == 3 else None
 
     def with_scene(self, scene: Scene) -> Self:
         """Return this form for ``scene``, of the same geometry, with the same matrices and new conditions' data.

@@ -10,7 +10,7 @@ from cpmkit.plugin import Bools, CutMesh, Floats, Ints, Scene
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.elements import EDGES_OF, NODES, shape_at
 from cpmkit_fem.location import nearest_cells
-from cpmkit_fem.rim import points_outside_rim, rim_facets
+from cpmkit_fem.rim import points_outside_rim, rim_facets, steps_outward
 from cpmkit_fem.surface_mapping import jacobians, measure_and_pseudoinverse
 
 #: A node stays on its flat cell if it would move by more than this share of an edge.
@@ -67,8 +67,10 @@ def _line_facets_and_targets(scene: Scene, mesh: CellMesh, cut: CutMesh | None) 
     """
     wanted, none = mesh.nodes.copy(), np.zeros((0, mesh.manifold_dim), dtype=np.int64)
     rim, opposite = rim_facets(mesh, none if cut is None else cut.edges)
-    if len(rim) and mesh.manifold_dim == 2:
-        wanted[rim[:, 2]] = scene.surface.closest_point(points_outside_rim(mesh.nodes, rim, opposite)).points
+    k = mesh.manifold_dim
+    if len(rim) and k > 1:
+        outside = mesh.nodes[rim[:, k:]] + steps_outward(mesh, rim, opposite)[:, None]
+        wanted[rim[:, k:].ravel()] = scene.surface.closest_point(outside.reshape(-1, mesh.nodes.shape[1])).points
     if cut is None:
         return rim, wanted
     of_edges = [np.unique(mesh.facet_nodes(cut.edges[cut.owner == k])) for k in range(len(scene.boundaries))]
@@ -77,7 +79,7 @@ def _line_facets_and_targets(scene: Scene, mesh: CellMesh, cut: CutMesh | None) 
     ends = np.intersect1d(on, rim[:, : mesh.manifold_dim])
     outward = np.zeros_like(wanted)
     outward[rim[:, : mesh.manifold_dim]] = (
-        points_outside_rim(mesh.nodes, rim, opposite) - mesh.nodes[rim[:, : mesh.manifold_dim]].mean(axis=1)
+        points_outside_rim(mesh, rim, opposite) - mesh.nodes[rim[:, : mesh.manifold_dim]].mean(axis=1)
     )[:, None]
     meeting = np.union1d(on[count > 1], ends)
     for turn in range(ROUNDS_OF_MEETING):
@@ -140,7 +142,8 @@ def _inverted_cells(mesh: CellMesh, nodes: Floats) -> Bools:
     Their measures are compared at the nodes; ``mesh``, of degree 2, has the flat cells.
     """
     dim = mesh.manifold_dim
-    corners = np.array([[0, 1, 0, 0.5, 0.5, 0], [0, 0, 1, 0, 0.5, 0.5]]) if dim == 2 else np.array([[0, 1, 0.5]])
+    ends = np.vstack([np.zeros(dim), np.eye(dim)])
+    corners = np.concatenate([ends, ends[EDGES_OF[dim]].mean(axis=1)]).T
     flat = shape_at(dim, 1, corners[:, :1])
     inverse = measure_and_pseudoinverse(jacobians(mesh.nodes, mesh.corners, flat))[1]
     now = jacobians(nodes, mesh.cells, shape_at(dim, 2, corners))

@@ -25,6 +25,7 @@ from cpmkit.plugin import (
 )
 from cpmkit_fem.assembly import gathered, weighted_mass
 from cpmkit_fem.cell_mesh import CellMesh
+from cpmkit_fem.surface_mapping import measure_and_pseudoinverse
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -52,7 +53,7 @@ class RimPart:
     mesh : CellMesh
         The mesh of the facets.
     edges : (e, c) int64
-        Nodes of each facet: one for a point, two for an edge, three for an edge of degree 2.
+        Nodes of each facet: one for a point, two for an edge, three for a triangle; of degree 2 then midpoints.
     label : str
         Name of the condition's boundary or edge in errors.
     place : ClosestPointSource, optional
@@ -159,7 +160,7 @@ def rim_of(scene: Scene, mesh: CellMesh, excluded: Ints) -> Sequence[RimPart]:
     facets, opposite = rim_facets(mesh, excluded)
     if not len(facets):
         return []
-    feet = scene.surface.closest_point(points_outside_rim(mesh.nodes, facets, opposite))
+    feet = scene.surface.closest_point(points_outside_rim(mesh, facets, opposite))
     parts = conditions_along(scene.edge, feet.edge, feet.points)
     target = _move_ends_along_rim(mesh, facets, excluded)
     return [RimPart(_one_sided(condition), mesh, facets[rows], target=target) for condition, rows in parts]
@@ -168,7 +169,7 @@ def rim_of(scene: Scene, mesh: CellMesh, excluded: Ints) -> Sequence[RimPart]:
 def rim_facets(mesh: CellMesh, excluded: Ints) -> tuple[Ints, Ints]:
     """Return the facets (e, c) that only one cell has, without ``excluded`` (b, corners), and the corner opposite each.
 
-    Facets have c nodes: their corners, of degree 2 then the midpoint. The opposite corners are (e,).
+    Facets have c nodes: their corners, of degree 2 then the midpoints. The opposite corners are (e,).
     """
     facets, count, opposite = mesh.facets
     k, size = mesh.manifold_dim, len(mesh.nodes)
@@ -195,17 +196,34 @@ def _one_sided(condition: Condition) -> OneSided:
     return condition.law
 
 
-def points_outside_rim(nodes: Floats, facets: Ints, opposite: Ints) -> Floats:
+def points_outside_rim(mesh: CellMesh, facets: Ints, opposite: Ints) -> Floats:
     """Return points (e, d) a little outside of the rim ``facets`` (e, c), so that their closest points lie on the rim.
 
     ``opposite`` (e,) is the corner opposite each facet. Closest points of the chords themselves may lie inside.
     """
-    if facets.shape[1] == 1:
-        end = nodes[facets[:, 0]]
-        return np.ascontiguousarray(end + OUTSIDE_EDGE_SHARE * (end - nodes[opposite]))
-    start, end = (nodes[facets[:, k]] for k in (0, 1))
-    middle, along = 0.5 * (start + end), end - start
-    inward = nodes[opposite] - middle
-    inward -= (np.sum(inward * along, axis=1) / np.sum(along**2, axis=1))[:, None] * along
-    scale = OUTSIDE_EDGE_SHARE * np.linalg.norm(along, axis=1) / np.linalg.norm(inward, axis=1)
-    return np.ascontiguousarray(middle - scale[:, None] * inward)
+    middle = mesh.nodes[facets[:, : mesh.manifold_dim]].mean(axis=1)
+    return np.ascontiguousarray(middle + steps_outward(mesh, facets, opposite))
+
+
+def steps_outward(mesh: CellMesh, facets: Ints, opposite: Ints) -> Floats:
+    """Return vectors (e, d) out of the mesh, perpendicular to ``facets`` (e, c), of a share of an edge.
+
+    ``opposite`` (e,) is the corner opposite each facet.
+    """
+    corners = mesh.nodes[facets[:, : mesh.manifold_dim]]
+    outward = corners.mean(axis=1) - mesh.nodes[opposite]
+    if mesh.manifold_dim == 1:
+        return np.asarray(OUTSIDE_EDGE_SHARE * outward)
+    edges = np.transpose(corners[:, 1:] - corners[:, :1], (1, 2, 0))
+    measure, inverse = measure_and_pseudoinverse(edges[..., None])
+    outward -= np.einsum("kde,kce,ec->ed", edges, inverse[..., 0], outward)
+    length = measure[:, 0] ** (1 / len(edges))
+    return np.asarray(OUTSIDE_EDGE_SHARE * (length / np.linalg.norm(outward, axis=1))[:, None] * outward)
+
+
+def outward_facets(mesh: CellMesh) -> Ints:
+    """Return the facets (e, c) of the boundary of a solid in space, as triangles with normals out of the solid."""
+    facets, opposite = rim_facets(mesh, np.zeros((0, 3), dtype=np.int64))
+    others = mesh.nodes[np.column_stack([facets[:, 1:3], opposite])] - mesh.nodes[facets[:, :1]]
+    turned = np.array([0, 2, 1, 5, 4, 3])[: facets.shape[1]]
+    return np.where(np.linalg.det(others)[:, None] > 0, facets[:, turned], facets)

@@ -1,8 +1,8 @@
-"""The maps of the reference element onto cells in the plane or in space, whose Jacobians are not square.
+"""The maps of the reference element onto cells in the plane or in space, whose Jacobians may not be square.
 
-Every Jacobian J (d, k) is split into Q R with orthonormal columns Q: R is the cell unfolded into its tangent plane or
-line. ``R^-1 Q'`` is then the pseudo-inverse, so gradients come out tangential, and ``det R`` the factor of area or
-length. Unlike the metric J'J it does not square the condition number of thin triangles.
+Every Jacobian J (d, k) is split into Q R with orthonormal columns Q: R is the cell unfolded into its tangent space.
+``R^-1 Q'`` is then the pseudo-inverse, so gradients come out tangential, and ``det R`` the factor of length, area or
+volume. Unlike the metric J'J it does not square the condition number of thin cells.
 """
 
 from __future__ import annotations
@@ -31,20 +31,24 @@ def jacobians(nodes: Floats, cells: Ints, shape: Shape) -> Floats:
 def measure_and_pseudoinverse(jacobian: Floats) -> tuple[Floats, Floats]:
     """Return the measure det R (m, q) and the pseudoinverse R^-1 Q' (k, d, m, q) of Jacobians (k, d, m, q).
 
-    The k = 0, 1 or 2 columns of a Jacobian have the QR decomposition Q R.
+    The k = 0 to 3 columns of a Jacobian have the QR decomposition Q R.
     """
-    if not len(jacobian):
-        return np.ones(jacobian.shape[2:]), jacobian
-    first = jacobian[0]
-    along = np.linalg.norm(first, axis=0)
-    axis = first / along
-    if len(jacobian) == 1:
-        return along, (axis / along)[None]
-    second = jacobian[1]
-    shear = np.sum(axis * second, axis=0)
-    height = second - shear * axis
-    height -= np.sum(axis * height, axis=0) * axis  # once more: thin triangles lose the right angle at first
-    across = np.linalg.norm(height, axis=0)
-    normal = height / across
-    inverse = np.stack([(axis - (shear / across) * normal) / along, normal / across])
-    return along * across, inverse
+    measure, axes, above = np.ones(jacobian.shape[2:]), np.empty_like(jacobian), {}
+    for j, column in enumerate(jacobian):
+        height = column
+        for turn in range(2):  # thin cells lose the right angle at first
+            for i in range(j):
+                part = np.sum(axes[i] * height, axis=0)
+                height = height - part * axes[i]
+                if turn == 0:
+                    above[i, j] = part
+        above[j, j] = np.linalg.norm(height, axis=0)
+        axes[j] = height / above[j, j]
+        measure = measure * above[j, j]
+    inverse = np.empty_like(jacobian)
+    for j in range(len(jacobian))[::-1]:
+        rest = axes[j]
+        for i in range(j + 1, len(jacobian)):
+            rest = rest - above[j, i] * inverse[i]
+        inverse[j] = rest / above[j, j]
+    return measure, inverse

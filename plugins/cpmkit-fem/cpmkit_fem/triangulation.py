@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.plugin import ClosestPointSource, Floats, HasMesh, InputError, Ints, Scene, needed_spacing
+from cpmkit.plugin import ClosestPointSource, Floats, HasMesh, InputError, Ints, needed_spacing
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.junctions import check_junctions
 
@@ -14,15 +14,13 @@ WELDED_SIZE_SHARE = 1e-12
 FEWEST_EDGES = (4, 8, 32)
 
 
-def scene_mesh(scene: Scene, spacing: float | None) -> CellMesh:
-    """Return the mesh, welded and checked, of the scene's surface or curve, with edges of about ``spacing``, a length.
+def triangulation(surface: ClosestPointSource, spacing: float | None) -> CellMesh:
+    """Return the mesh, welded, of a surface or curve, with edges of about ``spacing``, a length.
 
-    A source that is itself a mesh gives that one, whatever the spacing, and needs none. Boundaries are not used. Raise
-    InputError if the manifold is neither a surface nor a curve, or has no mesh or one without cells, the spacing is
-    needed and absent, or not above zero, a triangle has no area, or curves meet where their meshes have no common
-    vertex.
+    A source that is itself a mesh gives that one, whatever the spacing, and needs none. Raise InputError if the
+    manifold is neither a surface nor a curve, or has no mesh, the spacing is needed and absent, or not above zero, or
+    curves meet where their meshes have no common vertex.
     """
-    surface = scene.surface
     dim = surface.manifold_dim
     if dim not in (1, 2) or not isinstance(surface, HasMesh):
         raise InputError(
@@ -31,15 +29,19 @@ def scene_mesh(scene: Scene, spacing: float | None) -> CellMesh:
         )
     own = own_mesh(surface) if spacing is None else None
     vertices, faces = own or surface.mesh(needed_spacing(surface, spacing))
-    if faces.shape[1] != dim + 1:
-        label = "triangles" if dim == 2 else "segments"
-        raise InputError(
-            f"backend='fem' needs {label}, and {type(surface).__name__} gives only points; use backend='cpm'."
-        )
-    mesh = _weld(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
-    mesh.check_cells()
+    check_kind_of_cells(surface, faces, dim + 1)
+    mesh = weld(vertices, faces)
     check_junctions(surface, mesh)
     return mesh
+
+
+def check_kind_of_cells(source: ClosestPointSource, cells: Ints, corners: int) -> None:
+    """Raise InputError unless ``cells`` (m, k) of a source have 2 or 3 ``corners``."""
+    if cells.shape[1] != corners:
+        label = "triangles" if corners == 3 else "segments"
+        raise InputError(
+            f"backend='fem' needs {label}, and {type(source).__name__} gives only points; use backend='cpm'."
+        )
 
 
 def own_mesh(surface: ClosestPointSource) -> tuple[Floats, Ints] | None:
@@ -54,7 +56,7 @@ def own_mesh(surface: ClosestPointSource) -> tuple[Floats, Ints] | None:
     return (vertices, faces) if same else None
 
 
-def _weld(vertices: Floats, faces: Ints) -> CellMesh:
+def weld(vertices: Floats, faces: Ints) -> CellMesh:
     """Return the mesh of ``faces`` (m, k) with vertices nearer than WELDED_SIZE_SHARE of the size, or rounding, merged.
 
     Unused vertices, and cells that repeat a vertex, are left out.
@@ -63,6 +65,7 @@ def _weld(vertices: Floats, faces: Ints) -> CellMesh:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
+    vertices, faces = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
     if not len(faces):
         return CellMesh(vertices[:0], faces, faces.shape[1] - 1)
     rounding = 4 * np.finfo(float).eps * np.abs(vertices).max()

@@ -224,11 +224,11 @@ class Solid:
         return SPHERE.closest_point(x)
 
 
-def test_manifolds_that_give_neither_triangles_nor_segments():
+def test_solids_that_give_no_triangles():
     with pytest.raises(
-        ck.InputError, match="of manifold_dim 3 gives neither triangles nor segments; use backend='cpm'"
+        ck.InputError, match="needs a mesh of the boundary of a solid, and Solid has none; use backend='cpm'"
     ):
-        solve(Solid(), ck.ScreenedPoisson(1.0))
+        ck.solve(ck.Scene(Solid(), ck.ScreenedPoisson(1.0)), 0.3, backend="fem")
 
 
 class Flattened:

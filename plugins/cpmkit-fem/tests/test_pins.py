@@ -5,7 +5,7 @@ import pytest
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.gaps import ends_in_gaps
 from cpmkit_fem.nearest import pinned_parts
-from cpmkit_fem.triangulation import scene_mesh
+from cpmkit_fem.triangulation import triangulation
 from model_problems import order_of, rotation, sphere_poisson
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -16,7 +16,7 @@ import cpmkit as ck
 def pinned(vertices, faces, curve):
     surface = ck.source("mesh.triangles", vertices=vertices, faces=faces)
     scene = ck.Scene(surface, ck.Laplace(), [ck.Boundary("curve", curve, both=ck.Dirichlet(0.0))])
-    mesh = scene_mesh(scene, None)
+    mesh = triangulation(surface, None)
     (part,) = pinned_parts(scene, mesh)
     return mesh, part.vertex_numbers
 

@@ -26,10 +26,22 @@ def test_slivers_have_their_eigenvalues():
     np.testing.assert_allclose(solution.eigenvalues, along, rtol=1e-6, atol=1e-10)
 
 
-def test_a_spacing_so_coarse_that_no_triangle_is_left_is_refused():
-    disc = ck.source("solid", of=ck.source("analytic.circle"))
+class Nothing:
+    """The unit sphere, drawn by a triangle whose corners are one."""
+
+    dim, manifold_dim, exact, bounds = 3, 2, True, np.array([[-1.0] * 3, [1.0] * 3])
+
+    def closest_point(self, x):
+        return ck.source("analytic.sphere").closest_point(x)
+
+    def mesh(self, spacing):
+        del spacing
+        return np.ones((3, 3)), np.array([[0, 1, 2]])
+
+
+def test_a_mesh_of_which_no_triangle_is_left_is_refused():
     with pytest.raises(ck.InputError, match=r"got none; take a finer mesh"):
-        ck.solve(ck.Scene(disc, ck.ScreenedPoisson(f="x", c=1.0)), 3.0, backend="fem")
+        ck.solve(ck.Scene(Nothing(), ck.ScreenedPoisson(f="x", c=1.0)), 3.0, backend="fem")
 
 
 def test_as_many_eigenvalues_as_a_mesh_has_vertices_are_found_and_no_more():
