@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 #: Distance outside of the rim, as a share of an edge, from which the loop of an edge is determined.
 OUTSIDE_EDGE_SHARE = 0.25
+#: The same of a solid, where that point is outside.
+NEAR_EDGE_SHARE = 0.01
 #: A flux that changes with u by less than this, over the length of an edge, fixes no constant.
 STILL = 1e-9
 #: Distance along the rim, as a share of half an edge, of data from a boundary that ends there.
@@ -161,7 +163,12 @@ def rim_of(scene: Scene, mesh: CellMesh, excluded: Ints) -> Sequence[RimPart]:
     if not len(facets):
         return []
     feet = scene.surface.closest_point(points_outside_rim(mesh, facets, opposite))
-    parts = conditions_along(scene.edge, feet.edge, feet.points)
+    edge, points = feet.edge, feet.points
+    if scene.surface.manifold_dim == scene.surface.dim:  # in narrow gaps only a near point is not across the gap
+        near = scene.surface.closest_point(points_outside_rim(mesh, facets, opposite, NEAR_EDGE_SHARE))
+        edge = np.where(near.edge >= 0, near.edge, edge)
+        points = np.where((near.edge >= 0)[:, None], near.points, points)
+    parts = conditions_along(scene.edge, edge, points)
     target = _move_ends_along_rim(mesh, facets, excluded)
     return [RimPart(_one_sided(condition), mesh, facets[rows], target=target) for condition, rows in parts]
 
@@ -196,13 +203,14 @@ def _one_sided(condition: Condition) -> OneSided:
     return condition.law
 
 
-def points_outside_rim(mesh: CellMesh, facets: Ints, opposite: Ints) -> Floats:
+def points_outside_rim(mesh: CellMesh, facets: Ints, opposite: Ints, share: float = OUTSIDE_EDGE_SHARE) -> Floats:
     """Return points (e, d) a little outside of the rim ``facets`` (e, c), so that their closest points lie on the rim.
 
-    ``opposite`` (e,) is the corner opposite each facet. Closest points of the chords themselves may lie inside.
+    ``opposite`` (e,) is the corner opposite each facet, ``share`` that of an edge by which they lie outside.
+    Closest points of the chords themselves may lie inside.
     """
     middle = mesh.nodes[facets[:, : mesh.manifold_dim]].mean(axis=1)
-    return np.ascontiguousarray(middle + steps_outward(mesh, facets, opposite))
+    return np.ascontiguousarray(middle + share / OUTSIDE_EDGE_SHARE * steps_outward(mesh, facets, opposite))
 
 
 def steps_outward(mesh: CellMesh, facets: Ints, opposite: Ints) -> Floats:

@@ -141,6 +141,16 @@ def test_holes_have_conditions_of_their_own(source, value):
     assert solution.integrate(1.0) == pytest.approx(size, rel=0.01)
 
 
+@pytest.mark.parametrize("source", [pytest.param(SQUARE, id="square"), pytest.param(CUBE, id="cube", marks=in_space)])
+def test_sides_of_a_gap_have_conditions_of_their_own(source):
+    other = ck.source("moved", of=source, translation=[1.02, *[0] * (source.dim - 1)])
+    edge = {1000 * m + k: ck.Dirichlet(float(m)) for m in range(2) for k in range(2 * source.dim)}
+    solution = solve(ck.source("union", members=[source, other]), 0.5, ck.Laplace(), edge=edge)
+    points = inside(source)
+    np.testing.assert_allclose(solution.evaluate(points), 0.0, atol=1e-9)
+    np.testing.assert_allclose(solution.evaluate(points + [1.02, *[0] * (source.dim - 1)]), 1.0, atol=1e-9)
+
+
 @in_space
 def test_separate_solids_fluxes_of_u_and_pictures():
     pair = ck.source("union", members=[BALL, ck.source("moved", of=BALL, translation=[3, 0, 0])])
