@@ -55,14 +55,14 @@ def _meeting(surface: ClosestPointSource, lower: int, higher: int) -> Meeting | 
     """Return how two members of a union meet, given by their numbers; None if they do not touch."""
     members, touching = members_of(surface), touching_distance(surface)
     of_lower, of_higher = members[lower], members[higher]
-    x, step = _samples_of(of_lower)
+    x, step = samples_of(of_lower)
     on = is_near(of_higher, x, surface)
     if largest_dim(of_higher) == of_higher.dim:
         around = (x[:, None] + _steps(of_higher.dim, touching)).reshape(-1, of_higher.dim)
         inside = is_near(of_higher, around, surface).reshape(len(x), -1).all(axis=1)
         if inside.any():
             divides = largest_dim(of_lower) == of_higher.dim - 1 and on.all()
-            return Meeting(lower, higher, "within" if divides else "inside", x[inside])
+            return Meeting(lower, higher, *(("within", x) if divides else ("inside", x[inside])))
     if on.all():
         return Meeting(lower, higher, "along", x)
     if on.sum() > max(PART_SHARE * len(x), 2):
@@ -75,7 +75,7 @@ def _meeting(surface: ClosestPointSource, lower: int, higher: int) -> Meeting | 
     return Meeting(lower, higher, "points", _at_ends(of_lower, places, touching)) if len(places) else None
 
 
-def _samples_of(source: ClosestPointSource) -> tuple[Floats, float]:
+def samples_of(source: ClosestPointSource) -> tuple[Floats, float]:
     """Return points (n, d) of a source, and of a curve with a mesh the distance between neighbours; else 0."""
     box = np.asarray(source.bounds, dtype=np.float64)
     size = float(np.ptp(box, axis=0).max())
@@ -96,7 +96,7 @@ def _samples_of(source: ClosestPointSource) -> tuple[Floats, float]:
 
 def crossings(curve: ClosestPointSource, other: ClosestPointSource, of: ClosestPointSource) -> Floats:
     """Return the points (k, d) where a curve meets another source, to rounding relative to the size of ``of``."""
-    samples, step = _samples_of(curve)
+    samples, step = samples_of(curve)
     return _crossings(curve, other, samples, step, touching_distance(of))
 
 

@@ -12,13 +12,15 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.manifold.abilities import edge_limit_of, members_of
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.manifold.meetings import distinct_places, is_near, loops_near, meetings_of
+from cpmkit.manifold.meetings import distinct_places, is_near, loops_near, meetings_of, samples_of
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import member_dimensions
 from cpmkit.scene.boundary import Boundary
+from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import is_sequence
-from cpmkit.scene.edge_conditions import EdgeConditions
+from cpmkit.scene.edge_conditions import EdgeConditions, conditions_along
 from cpmkit.scene.junction import CONTINUOUS, JunctionSide
+from cpmkit.scene.laws import Value
 from cpmkit.scene.member_data import MemberData
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints
@@ -85,21 +87,51 @@ def _branches(curve: ClosestPointSource, places: Floats, surface: ClosestPointSo
 def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> EdgeConditions:
     """Return the conditions on the edge of the members ``numbers``, whose union is ``own``.
 
-    In a table, loops that lie on other members have zero flux unless the scene names them.
+    In a table, loops that lie on other members have zero flux unless the scene names them. Ends of curves that lie in a
+    member of higher dimension have zero flux too, or the value that the edge of that member has there.
     """
+    ends = _ends_within(scene, numbers, own) if own.manifold_dim == 1 else {}
     if not isinstance(scene.edge, Mapping):
-        return scene.edge
+        free = set(_loops_of_curve(own)) - {*ends} if ends else set()
+        return {**dict.fromkeys(free, scene.edge), **ends} if ends else scene.edge
     edge: dict[int, Any] = {}
     for meeting in meetings_of(scene.surface):
-        if {meeting.lower, meeting.higher} & {*numbers} and meeting.how != "within":
+        divides = meeting.how == "within" and meeting.higher in numbers
+        if {meeting.lower, meeting.higher} & {*numbers} and not divides:
             on_curve = own.manifold_dim == 1
             loops = own.closest_point(meeting.places).edge if on_curve else loops_near(own, meeting.places)
             edge |= {int(loop): JunctionSide() for loop in np.unique(loops) if loop >= 0}
+    edge |= ends
     for loop, condition in scene.edge.items():
         own_loop = own_loop_of(scene.surface, numbers, loop)
         if own_loop is not None:
             edge[own_loop] = condition
     return edge
+
+
+def _ends_within(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> dict[int, Condition]:
+    """Return the conditions at ends of the curves ``numbers`` that lie in members of higher dimension, by loops."""
+    surface, found = scene.surface, dict[int, Condition]()
+    members = members_of(surface)
+    starts = np.cumsum([0] + [edge_limit_of(member) for member in members])
+    for meeting in meetings_of(surface):
+        if meeting.lower not in numbers or meeting.how not in ("along", "within"):
+            continue
+        feet = own.closest_point(meeting.places)
+        for row in np.flatnonzero(feet.edge >= 0):
+            at = feet.points[[row]]
+            condition: Condition = JunctionSide()
+            for loop in loops_near(members[meeting.higher], at):
+                ((there, _),) = conditions_along(scene.edge, starts[[meeting.higher]] + loop, at)
+                condition = there if isinstance(there.law, Value) else condition
+            found[int(feet.edge[row])] = condition
+    return found
+
+
+def _loops_of_curve(own: Any) -> list[int]:
+    """Return the numbers of all ends of curves."""
+    feet = own.closest_point(np.concatenate([samples_of(member)[0] for member in members_of(own)]))
+    return [int(loop) for loop in np.unique(feet.edge[feet.edge >= 0])]
 
 
 def own_loop_of(surface: ClosestPointSource, numbers: Sequence[int], loop: int) -> int | None:

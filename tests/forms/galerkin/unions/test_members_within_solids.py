@@ -65,6 +65,25 @@ def test_what_enters_a_network_of_fractures_leaves_the_square(turn):
     assert found.of_dimension(2).evaluate(at @ [[c, s], [-s, c]]) == pytest.approx(reference, abs=0.01)
 
 
+@pytest.mark.parametrize("edge", ["by loop", "by position", "one"])
+def test_a_fracture_from_edge_to_edge_has_the_values_there(edge):
+    """u = 1 - x / 2 in a block and in a fracture along it, whose ends have the values of the block's edge."""
+    block = ck.source("analytic.box", lower=[0.0, 0.0], upper=[2.0, 1.0])
+    union = ck.source("union", members=[block, ck.source("mesh.polyline", points=[[0, 0.5], [2, 0.5]])])
+    warm, cold, insulated = ck.Dirichlet(1.0), ck.Dirichlet(0.0), ck.Neumann(0.0)
+    conditions = {
+        "by loop": {0: warm, 1: cold, 2: insulated, 3: insulated},
+        "by position": [(warm, "x < 1e-9"), (cold, "x > 2 - 1e-9"), insulated],
+        "one": ck.Dirichlet(lambda x: 1 - x[:, 0] / 2),
+    }
+    problem = ck.Elliptic(f=0.0, diffusivity=ck.MemberData(union, [1.0, 20.0]))
+    found = ck.solve(ck.Scene(union, problem, edge=conditions[edge]), 0.1)
+    points = np.random.default_rng(0).uniform([0, 0], [2, 1], (200, 2))
+    assert found.of_dimension(2).evaluate(points) == pytest.approx(1 - points[:, 0] / 2, abs=1e-9)
+    assert found.of_dimension(1).evaluate([[0, 0.5], [2, 0.5]]) == pytest.approx([1.0, 0.0], abs=1e-9)
+    assert found.flux("edge") == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_nucleus_inside_a_cell_with_a_membrane():
     """A cell whose boundary has an equation of its own may have further boundaries inside."""
     circle = ck.source("analytic.circle")
