@@ -62,20 +62,29 @@ def untangle_midpoints(
     source: LocalSource,
     project: Callable[[Floats], Floats],
 ) -> Floats:
-    """Return the ``midpoints`` (e, d) of edges; on boundaries ``free``, projected, where triangles would turn over.
+    """Return the ``midpoints`` (e, d) of edges, changed where quadratic triangles would turn over.
 
-    There are `UNTANGLING_ROUNDS` rounds; a few triangles that turn over may remain.
+    First the other midpoints of such triangles move along with the midpoint on the boundary. Where triangles still turn
+    over, the midpoints on boundaries return to ``free``, projected, and the others to ``midpoints``; a few may remain.
 
     ``mesh``: triangles. ``on_boundary`` (c,): the edges on boundaries. ``source``: the manifold.
     ``midpoints``, ``free`` (e, d): midpoints on the manifold, the rim and boundaries; and those before any was moved
         onto a boundary, on the chords or the manifold.
     ``project``: projects points (k, d) near the free midpoints onto the manifold.
     """
-    moved = midpoints.copy()
+    folded = _folded_triangles(mesh, midpoints, source)
+    if not len(folded):
+        return midpoints
+    is_on_boundary = np.zeros(len(midpoints), dtype=bool)
+    is_on_boundary[on_boundary] = True
+    moved = _move_midpoints_with_boundary(mesh, is_on_boundary, folded, midpoints, free, project)
     for _ in range(UNTANGLING_ROUNDS):
-        rows = np.intersect1d(mesh.edges.of_cells[_folded_triangles(mesh, moved, source)], on_boundary)
-        if not len(rows):
+        edges = mesh.edges.of_cells[_folded_triangles(mesh, moved, source)].ravel()
+        if not len(edges):
             break
+        rows = np.unique(edges[is_on_boundary[edges]])
+        others = np.unique(edges[~is_on_boundary[edges]])
+        moved[others] = midpoints[others]
         moved[rows] = project(free[rows])
     return moved
 
@@ -128,6 +137,37 @@ def _folded_triangles(mesh: Mesh, midpoints: Floats, source: LocalSource) -> Int
     normal = unit_normals(source, source.closest_point(x.mean(axis=1)), step)[:, None]
     x, middles = (points - dots(points, normal)[..., None] * normal for points in (x, middles))
     return rows[is_folded(x, middles)]
+
+
+def _move_midpoints_with_boundary(
+    mesh: Mesh,
+    is_on_boundary: Bools,
+    folded: Ints,
+    midpoints: Floats,
+    free: Floats,
+    project: Callable[[Floats], Floats],
+) -> Floats:
+    """Return the ``midpoints`` (e, d) of edges, displaced in ``folded`` triangles (k,) along with the boundary.
+
+    Only triangles with exactly one edge on a boundary are treated. The midpoint of this edge is displaced from where it
+    would be without boundaries, ``free`` (e, d). The two other midpoints get a share of that displacement, and
+    ``project`` returns them to the manifold. The share is 1 at the middle of the edge's chord, and falls to 0 towards
+    its ends and at a distance of its length.
+    """
+    edges = mesh.edges.of_cells[folded]
+    edges = edges[is_on_boundary[edges].sum(axis=1) == 1]
+    moved = midpoints.copy()
+    if not len(edges):
+        return moved
+    on_boundary = edges[is_on_boundary[edges]]
+    start, end = (mesh.vertices[mesh.edges.ends[on_boundary, k]] for k in range(2))
+    chord, displacement = end - start, midpoints[on_boundary] - free[on_boundary]
+    for rows in edges[~is_on_boundary[edges]].reshape(-1, 2).T:
+        along = dots(free[rows] - start, chord) / dots(chord, chord)
+        gap = norms(free[rows] - start - along[:, None] * chord) / norms(chord)
+        share = np.maximum(4 * along * (1 - along), 0.0) * np.maximum(1 - gap, 0.0)
+        moved[rows] = project(free[rows] + share[:, None] * displacement)
+    return moved
 
 
 def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Mesh, Ints]:

@@ -92,6 +92,11 @@ def move_to_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, 
     return moved, on_rim
 
 
+def edges_on_rim(border: OpenEdges, on_rim: Bools) -> Ints:
+    """Return the rows (r,) of the open edges ``border`` with both ends on a rim; ``on_rim`` (v,) marks vertices."""
+    return np.flatnonzero(on_rim[border.ends].all(axis=1))
+
+
 def remove_bridges(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) -> Ints:
     """Return the triangles (n, 3) without those between three rim vertices that leave the surface or have no area.
 
@@ -162,3 +167,21 @@ def _shortest_edges(vertices: Floats, cells: Ints, chosen: Ints) -> tuple[Ints, 
     length = np.where(pinches, np.inf, length)
     rows, least = np.arange(len(chosen)), np.argmin(length, axis=1)
     return ends[rows, least], length[rows, least]
+
+
+def weld_rim_corners(vertices: Floats, cells: Ints, spacing: float) -> Ints:
+    """Return the triangles (n, 3) with coincident border vertices welded where two open edges run between such places.
+
+    Several vertices may have been moved to one corner of a rim. They coincide up to .002 of the lattice's ``spacing``.
+    """
+    from scipy.spatial import cKDTree
+
+    edges = edge_table(cells)
+    ends = edges.ends[edges.count == 1]
+    border = np.unique(ends)
+    pairs = border[cKDTree(vertices[border]).query_pairs(2e-3 * spacing, output_type="ndarray")]
+    place = np.arange(len(vertices))
+    np.minimum.at(place, pairs.max(axis=1), pairs.min(axis=1))
+    line, count = np.unique(np.sort(place[ends], axis=1), axis=0, return_inverse=True, return_counts=True)[1:]
+    doubled = np.isin(pairs, ends[count[line.ravel()] == 2]).all(axis=1)
+    return collapse_edges(cells, np.sort(pairs[doubled], axis=1), len(vertices))

@@ -14,7 +14,7 @@ from cpmkit.meshing.contour_edges import components_with_areas, edge_table, remo
 from cpmkit.meshing.contouring.contour_checks import COMPONENT_WEIGHT, MeshDefects, find_defects, restore_creases
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes, lattice_nodes
 from cpmkit.meshing.contouring.contour_repair import collapse_short_edges, fill_holes, remove_flaps, separate_sheets
-from cpmkit.meshing.contouring.contour_rims import RimTest, move_to_rims, remove_bridges, remove_folds
+from cpmkit.meshing.contouring.contour_rims import RimTest, move_to_rims, remove_bridges, remove_folds, weld_rim_corners
 from cpmkit.meshing.contouring.dual_vertices import dual_triangles, dual_vertices
 from cpmkit.meshing.contouring.edge_crossings import edge_crossings
 from cpmkit.types import Floats, Ints
@@ -105,6 +105,7 @@ def _contour_from_lattice(
     cells = remove_bridges(rims, vertices, cells, on_rim)
     cells, folds = remove_folds(vertices, cells, on_rim, fine)
     cells = remove_small_components(vertices, cells, edge_table(cells).of_cells, spacing)[0]
+    cells = weld_rim_corners(vertices, cells, fine)
     vertices, cells, on_rim = restore_creases(nodes, vertices, cells, on_rim)
     defects = find_defects(rims, nodes, vertices, cells, on_rim, folds, components_before, spacing)
     missed = _missed_points(nodes, vertices[np.unique(cells)])
