@@ -71,8 +71,8 @@ def pareto_figure(series: Sequence[Series], title: str) -> Figure:
     """Return a figure of the errors of :class:`tables.Attempt` over each recorded cost, with Pareto fronts in grey."""
     made = tables.attempts(series)
     fronts = {cost: tables.pareto_front(made, cost) for cost in tables.COSTS if tables.pareto_front(made, cost)}
-    figure, all_axes = _empty_figure(title, len(fronts))
-    for axes, (cost, best) in zip(all_axes, fronts.items(), strict=True):
+    figure, all_axes = _empty_figure(title, max(len(fronts), 1))
+    for axes, (cost, best) in zip(all_axes, fronts.items(), strict=False):
         x, y = [getattr(each, cost) for each in best], [each.error for each in best]
         axes.plot(x, y, color=GREY, linewidth=7, alpha=0.3, solid_capstyle="round", label="unbeaten")
         for number, each in enumerate(series):

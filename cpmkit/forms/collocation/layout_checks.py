@@ -118,6 +118,8 @@ def _check_conductivities(scene: Scene, layout: Layout) -> None:
 def _check_coupled_beside_rims(layout: Layout) -> None:
     """Raise ResolutionError if a boundary with coupled sides runs less than a spacing from a rim of the manifold."""
     band, spacing = layout.band, layout.lattice.spacing
+    if layout.surface.largest_dim == layout.surface.dim:  # nodes outside a solid read its edge on their own
+        return
     for boundary, view in zip(layout.boundaries.definitions, layout.boundaries.side_views, strict=True):
         if boundary.condition("left").couples:
             near = view.take((view.distance < STRIP_SPACINGS * spacing) & (band.feet.edge[view.rows] >= 0))

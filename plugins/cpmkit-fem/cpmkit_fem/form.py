@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -109,9 +109,16 @@ class FiniteElements(Equations):
         rows = reading_matrix(self.mesh, cell, local)
         return rows if self.change is None else (rows @ self.change).tocsr()
 
-    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
+    def flux(
+        self,
+        u: Floats,
+        boundary: str | int,
+        side: Side | None,
+        time: float | None,
+        where: Callable[[Floats], Bools] | None = None,
+    ) -> Floats | None:
         """Raise InputError: fluxes are not computed."""
-        del u, boundary, side, time
+        del u, boundary, side, time, where
         raise InputError("the form 'fem' computes no fluxes; use backend='cpm', of a solid form='galerkin'.")
 
     # Diagnosis
