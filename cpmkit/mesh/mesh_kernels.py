@@ -1,4 +1,4 @@
-"""Compiled: edges, orientation, support and angles of edges, and subdivision of meshes, without sorting."""
+"""Compiled: edges, orientation, welding, support and angles of edges, and subdivision of meshes, without sorting."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.runtime.compilation import compiled
-from cpmkit.runtime.index_sets import label_sets, unite
+from cpmkit.runtime.index_sets import find_root, label_sets, unite
 from cpmkit.types import Bools, Floats, Ints
 
 #: Where the sum of the weights of edges beyond an end is below this, the surface ends there: on rims.
@@ -139,6 +139,30 @@ def _signed_root(parent: Ints, sign: Any, cell: int) -> tuple[int, int]:
         total *= sign[cell]
         cell = parent[cell]
     return cell, total
+
+
+@compiled
+def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance: float) -> Ints:
+    """Return for each vertex (v,) the lowest number in its cluster: vertices connected by steps up to ``tolerance``.
+
+    ``vertices`` (v, d): positions. ``order`` (v,): numbers of the vertices by ascending ``along``. ``along`` (v,):
+    coordinates of the vertices along a unit vector: only vertices within ``tolerance`` in these are compared.
+    """
+    parent = np.arange(len(vertices))
+    for i in range(len(order)):
+        vertex = order[i]
+        for j in range(i + 1, len(order)):
+            other = order[j]
+            if along[other] - along[vertex] > tolerance:
+                break
+            squared = 0.0
+            for k in range(vertices.shape[1]):
+                squared += (vertices[vertex, k] - vertices[other, k]) ** 2
+            if squared <= tolerance * tolerance:
+                unite(parent, vertex, other)
+    for vertex in range(len(parent)):
+        parent[vertex] = find_root(parent, vertex)
+    return parent
 
 
 @compiled

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.manifold.abilities import HasMembers, HasMesh
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import Rows
 from cpmkit.manifold.vector_algebra import dots, norms, unit
@@ -234,13 +235,27 @@ def _cached_heights(source: LocalSource, cache: MeshCache) -> Floats:
 def _height_shares(source: LocalSource, mesh: Mesh, normals: SmoothNormals) -> Floats:
     """Return the share (e,) of the height of the smooth surface above each edge that the edge keeps.
 
-    It is 1 if all edges of the source's own cells keep it; else it follows from ``normals``.
+    It is 1 if all edges of the source's own cells, or of all members of a union, keep it; else from ``normals``.
     """
     cache, support = mesh_cache_of(source), own_curvature_support(source)
     if cache is not None and support is not None and cache.has_cells_of(mesh):
         return support.share
-    smooth = support is not None and bool((support.share == 1.0).all())
+    smooth = _is_supported_union(source) if support is None else bool((support.share == 1.0).all())
     return np.ones(len(mesh.edges.ends)) if smooth else support_by_normals(mesh, normals).share
+
+
+def _is_supported_union(source: LocalSource) -> bool:
+    """Return whether a source is a union of meshes whose edges keep their heights; caches of the members are filled."""
+    if not isinstance(source.of, HasMembers):
+        return False
+    for member in source.of.members:
+        part = LocalSource(member, np.zeros(source.dim), source.queries, of=member)
+        if isinstance(member, HasMesh):
+            mesh_cache_of(part, member.mesh(float(np.ptp(member.bounds, axis=0).max()))[1])
+        support = own_curvature_support(part)
+        if support is None or (support.share < 1.0).any():
+            return False
+    return True
 
 
 def _move_onto_boundaries(mesh: Mesh, normals: SmoothNormals, boundaries: Sequence[LocalSource | None]) -> Mesh:

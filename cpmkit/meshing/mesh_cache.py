@@ -17,7 +17,7 @@ import numpy as np
 
 from cpmkit.manifold.abilities import HasGivenMesh, HasMesh
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.adjacency import RepairReport, repair, repaired_cells
+from cpmkit.mesh.adjacency import RepairReport, has_distinct_vertices, repair, repaired_cells
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.types import Ints
 
@@ -46,15 +46,23 @@ class MeshCache:
     values: dict[str, Any] = field(default_factory=dict)  #: Further quantities, by name.
 
     @cached_property
-    def repaired(self) -> RepairedMesh:
+    def first_repair(self) -> RepairedMesh:
         """The repair of the original mesh."""
-        vertex_of, cells, report = repaired_cells(self.original)
-        return RepairedMesh(vertex_of, Mesh.of(self.original.vertices[vertex_of], cells), report)
+        return _repair_mesh(self.original)
+
+    @cached_property
+    def second_repair(self) -> RepairedMesh:
+        """The repair of the repaired mesh, needed since welding may leave two vertices at one place."""
+        repaired = _repair_mesh(self.first_repair.mesh)
+        if not np.array_equal(repaired.mesh.cells, self.first_repair.mesh.cells):
+            return repaired
+        mesh = self.first_repair.mesh.with_same_cells(vertices=repaired.mesh.vertices)
+        return RepairedMesh(repaired.vertex_of, mesh, repaired.report)
 
     @property
     def mesh(self) -> Mesh:
         """The repaired mesh in the scene's coordinates."""
-        return self.repaired.mesh
+        return self.second_repair.mesh
 
     def has_cells_of(self, mesh: Mesh) -> bool:
         """Return whether ``mesh`` is a translated copy of the repaired mesh, without boundaries among its facets."""
@@ -99,12 +107,25 @@ def untranslated_source(source: LocalSource) -> LocalSource:
     return LocalSource(source.of, np.zeros(source.dim), source.queries)
 
 
-def repair_source_mesh(source: LocalSource, mesh: Mesh) -> tuple[Mesh, RepairReport]:
-    """Return a repaired flat mesh of a source without boundaries, and the report of :func:`repair`.
+def repair_source_mesh(source: LocalSource, mesh: Mesh, split: bool = False) -> tuple[Mesh, RepairReport]:
+    """Return a repaired mesh of a source, and the report of :func:`repair`.
 
-    Both come from the source's cache if ``mesh`` is a translated copy of the source's own mesh.
+    Both come from the source's cache if ``mesh`` is a translated copy of the source's own mesh or of its first repair;
+    other meshes are repaired anew. ``split`` says that the cells are parts of repaired cells: such a mesh is returned
+    unchanged if no two of its vertices coincide.
     """
     cache = mesh_cache_of(source)
-    if cache is not None and mesh.cells is cache.original.cells:
-        return cache.repaired.repair_copy(mesh), cache.repaired.report
+    if cache is not None and mesh.midpoints is None and not len(mesh.cut):
+        if mesh.cells is cache.original.cells:
+            return cache.first_repair.repair_copy(mesh), cache.first_repair.report
+        if mesh.cells is cache.first_repair.mesh.cells:
+            return cache.second_repair.repair_copy(mesh), cache.second_repair.report
+    if split and has_distinct_vertices(mesh):
+        return mesh, RepairReport(0, 0, 0)
     return repair(mesh)
+
+
+def _repair_mesh(mesh: Mesh) -> RepairedMesh:
+    """Return the repair of a flat ``mesh`` without boundaries."""
+    vertex_of, cells, report = repaired_cells(mesh)
+    return RepairedMesh(vertex_of, Mesh.of(mesh.vertices[vertex_of], cells), report)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
 from cpmkit.manifold.abilities import HasMesh, HasValues, advice_of
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms
-from cpmkit.mesh.adjacency import RepairReport, box_size, repair, rim_of_edges
+from cpmkit.mesh.adjacency import box_size, repair, rim_of_edges
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.meshing.curved_from_normals import refine_smooth_triangles
 from cpmkit.meshing.meeting_curves import join_curves
@@ -26,11 +25,11 @@ MOST_TRIANGLES_PER_SQUARE = 7.0
 class SourceCells:
     """The cells of a source that serve for quadrature."""
 
-    mesh: Mesh  #: Flat cells, repaired, with vertices on the manifold.
+    mesh: Mesh  #: Flat cells with vertices on the manifold.
     #: "flat", "closest_point" or "normals": how the manifold runs between the vertices, see
     #: :data:`~cpmkit.mesh.mesh.CellGeometry`.
     geometry: CellGeometry
-    repairs: RepairReport  #: The repairs of the mesh.
+    split: bool = False  #: Whether the cells are parts of repaired cells.
 
 
 def source_cells(source: LocalSource, length: float, shortest: float | None = None) -> SourceCells | None:
@@ -59,20 +58,20 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
     else:
         height = cache.value("height", lambda: _largest_centre_distance(untranslated_source(source), cache.original))
     if height <= 1e-9 * box_size(mesh.vertices):
-        mesh, repairs = repair_source_mesh(source, mesh)
         if source.source.exact or m == 1 or not source.has_normals:
-            return SourceCells(mesh, "flat", repairs)
-        return SourceCells(refine_smooth_triangles(mesh, source, length), "normals", repairs)
+            return SourceCells(mesh, "flat")
+        smooth = refine_smooth_triangles(repair_source_mesh(source, mesh)[0], source, length)
+        return SourceCells(smooth, "normals", split=True)
     shortest = length if shortest is None else shortest
     if height <= 0.06 * length or length == shortest:
-        mesh, repairs = repair(mesh)
+        mesh = repair(mesh)[0]
         if suits_quadrature(source, mesh, length):
-            return SourceCells(mesh, "closest_point", repairs)
+            return SourceCells(mesh, "closest_point")
     finer = _own_mesh(source, shortest) if length > shortest else None
     if finer is None:
         return None
-    finer, repairs = repair(finer)
-    return SourceCells(finer, "closest_point", repairs) if suits_quadrature(source, finer, shortest) else None
+    finer = repair(finer)[0]
+    return SourceCells(finer, "closest_point") if suits_quadrature(source, finer, shortest) else None
 
 
 def suits_quadrature(source: LocalSource, mesh: Mesh, length: float) -> bool:
@@ -102,8 +101,8 @@ def suits_quadrature(source: LocalSource, mesh: Mesh, length: float) -> bool:
 
 def _own_mesh(source: LocalSource, length: float) -> Mesh | None:
     """Return the source's own mesh for the edge ``length``, relative to the origin; None without cells of its kind."""
-    drawing: Any = source.source
-    vertices, cells = drawing.mesh(length)
+    assert isinstance(source.source, HasMesh)
+    vertices, cells = source.source.mesh(length)
     if cells.shape[1] != (source.manifold_dim or 0) + 1 or not len(cells):
         return None
     return Mesh.of(np.ascontiguousarray(vertices - source.shift), np.ascontiguousarray(cells, dtype=np.int64))
@@ -115,7 +114,8 @@ def _largest_centre_distance(source: LocalSource, mesh: Mesh) -> float:
     No query, and so no search tree, is needed where the source has exact closest points, values at its vertices, and
     the same cells at another spacing: then the manifold consists of these cells.
     """
-    drawing: Any = source.source
+    drawing = source.source
+    assert isinstance(drawing, HasMesh)
     has_own_cells = drawing.exact and isinstance(drawing, HasValues)
     if has_own_cells and np.array_equal(drawing.mesh(box_size(mesh.vertices))[1], mesh.cells):
         return 0.0
@@ -137,16 +137,16 @@ def _cells_of_union(source: LocalSource, length: float, shortest: float | None) 
     meshes = [part.mesh for part in parts]
     geometries = {part.geometry for part in parts}
     geometry = geometries.pop() if len(geometries) == 1 else "closest_point"
-    repairs = sum((part.repairs for part in parts), RepairReport(0, 0, 0))
     if source.manifold_dim == 1:
-        joined = join_curves([*zip(source.members, meshes, strict=True)], length)
-        return None if joined is None else SourceCells(joined, geometry, repairs)
+        curves = [(member, repair(mesh)[0]) for member, mesh in zip(source.members, meshes, strict=True)]
+        joined = join_curves(curves, length)
+        return None if joined is None else SourceCells(joined, geometry)
     if any(_have_common_points(*a, *b) for a, b in combinations(zip(source.members, meshes, strict=True), 2)):
         return None
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     vertices = np.concatenate([mesh.vertices for mesh in meshes])
     cells = np.concatenate([mesh.cells + start for mesh, start in zip(meshes, starts, strict=True)])
-    return SourceCells(Mesh.of(vertices, cells), geometry, repairs)
+    return SourceCells(Mesh.of(vertices, cells), geometry)
 
 
 def _have_common_points(first: LocalSource, first_mesh: Mesh, second: LocalSource, second_mesh: Mesh) -> bool:

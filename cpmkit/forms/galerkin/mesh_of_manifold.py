@@ -9,6 +9,7 @@ from cpmkit.mesh.cell_quadrature import PLAIN_EDGE_SPACINGS
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
+from cpmkit.meshing.mesh_cache import repair_source_mesh
 from cpmkit.meshing.mesh_warnings import (
     contouring_warnings,
     noise_warnings,
@@ -29,8 +30,8 @@ def mesh_of_manifold(
     """
     source_mesh = source_cells(surface, spacing * longest, spacing * PLAIN_EDGE_SPACINGS)
     if source_mesh is not None:
-        warnings = tuple(repair_warnings(source_mesh.repairs, source_mesh.geometry))
-        return surface, source_mesh.mesh, source_mesh.geometry, warnings
+        mesh, repairs = repair_source_mesh(surface, source_mesh.mesh, source_mesh.split)
+        return surface, mesh, source_mesh.geometry, tuple(repair_warnings(repairs, source_mesh.geometry))
     surface = measure_noise(surface, spacing)
     warnings = tuple(noise_warnings(surface, spacing))
     if surface.manifold_dim == 1:

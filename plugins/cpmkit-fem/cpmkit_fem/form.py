@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.plugin import (
+    Bools,
     Data,
     Floats,
     InputError,
