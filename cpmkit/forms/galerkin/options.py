@@ -168,16 +168,16 @@ def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
     if surface.dim not in dims and len(dims) == 1:
         return ""
     on = "solids" if len(dims) == 1 else "unions of several dimensions"
+    inside = _boundaries_in_solid(scene)
     reasons = {
         f"splines of degree 2 on {on}, got degree={own['degree']}": own["degree"] != 2,
         f"refine='off' on {on}": own["refine"] != "off",
         f"tips='extended' on {on}": own["tips"] != "extended",
         f"samples='auto' on {on}": own["samples"] == "plain",
         "curves in a plane solid, or surfaces in one in space, as boundaries inside": any(
-            not oriented.has_sides for oriented in _boundaries_in_solid(scene)
+            not oriented.has_sides for oriented in inside
         ),
-        "surfaces inside solids that do not reach their boundary": surface.dim == 3
-        and any(map(_reaches_skin, _boundaries_in_solid(scene))),
+        "surfaces inside solids that do not reach their boundary": surface.dim == 3 and any(map(_reaches_skin, inside)),
         "no velocity on unions of several dimensions": len(dims) > 1 and scene.problem.terms().velocity is not None,
         "no second Laplacian on unions of several dimensions": len(dims) > 1 and scene.problem.family == "biharmonic",
     }

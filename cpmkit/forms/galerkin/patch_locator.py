@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS
+from cpmkit.forms.galerkin.conditions.boundary_sides import signed_distances
 from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation, group_touching_patches
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
@@ -75,15 +75,6 @@ class PatchLocator:
                 of_some = None if element is None else element[some]
                 patch[some], nearest[some] = self._on_own_sheet(points[some], of_some, side_of)
         return patch, nearest
-
-    def signed_distance(self, number: int, points: Floats) -> Floats:
-        """Return the distances (k,) of ``points`` (k, d) from boundary ``number``, positive on its left.
-
-        Points are relative to the lattice's origin. NaN past open ends of the boundary, everywhere if it has no left.
-        """
-        oriented = self.boundaries[number]
-        at = self.lattice.to_scene(points) - oriented.left.origin
-        return oriented.signed_distance(at, DIFFERENCE_SPACINGS * self.lattice.spacing)
 
     def _choose_patch(self, points: Floats, samples: Ints, scores: Floats, first: Ints) -> tuple[Ints, Bools]:
         """Return the patches (k,) for ``points``, and whether (k,) some patch near a point does not touch its patch.
@@ -175,7 +166,7 @@ class PatchLocator:
         first, second = np.any(signs > 0, axis=1), np.any(signs < 0, axis=1)
         rows = np.flatnonzero(np.where(near_boundary, first | second, first & second))
         if len(rows):
-            signed = self.signed_distance(number, points[rows])
+            signed = signed_distances(self.boundaries[number], points[rows], self.lattice)
             within = ON_BOUNDARY_SPACINGS if side is None else READ_FROM_SIDE_SPACINGS
             signed[np.abs(signed) < within * self.lattice.spacing] = -1.0 if side == "right" else 1.0
             across[rows] = signs[rows] * np.nan_to_num(signed)[:, None] < 0

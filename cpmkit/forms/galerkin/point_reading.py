@@ -10,7 +10,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS, READ_INSIDE_WIDTHS
+from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS, READ_INSIDE_WIDTHS, signed_distances
 from cpmkit.forms.galerkin.patch_locator import PatchLocator
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
@@ -115,7 +115,7 @@ class PointReader:
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return distances (k,) of ``points`` from a boundary: left positive; NaN past its ends or without a left."""
         number = boundary_number(self.boundaries, name)
-        return self.locator.signed_distance(number, self.closest_points(points).points)
+        return signed_distances(self.sampled.oriented[number], self.closest_points(points).points, self.sampled.lattice)
 
     # Gradients
 

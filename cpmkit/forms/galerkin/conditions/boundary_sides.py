@@ -34,6 +34,15 @@ if TYPE_CHECKING:
 DIFFERENCE_SPACINGS = 0.5
 
 
+def signed_distances(boundary: OrientedBoundary, points: Floats, lattice: Lattice) -> Floats:
+    """Return the distances (k,) of ``points`` (k, d) from a boundary, positive on its left.
+
+    Points are relative to the lattice's origin. NaN past open ends of the boundary, everywhere if it has no left.
+    """
+    at = lattice.to_scene(points) - boundary.left.origin
+    return boundary.signed_distance(at, DIFFERENCE_SPACINGS * lattice.spacing)
+
+
 def left_of_boundaries(
     mesh: Mesh,
     half: HalfFacets,

@@ -101,7 +101,7 @@ def split_where_curves_meet(
 
 
 def _meetings(curves: Sequence[Curve], labels: Sequence[str], count: int, length: float) -> list[Floats]:
-    """Return the points (k, 2) of each curve at which it meets others; the first ``count`` curves meet none of these.
+    """Return the points (k, 2) of each curve at which it meets others; the first ``count`` are the skin's.
 
     Raises SceneError, by the ``labels`` of curves, if two touch or run along each other.
     """

@@ -103,8 +103,7 @@ class PatchesBeside:
         found = piece[at]
         missing = np.flatnonzero(at < 0)
         if len(missing):
-            apart = APART * float(np.ptp(self.patches.pieces.points, axis=0).max()) * cell[missing]
-            nearest = self._tree.query(np.column_stack([points[missing], apart]))[1]
+            nearest = self._tree.query(self._spread(points[missing], cell[missing]))[1]
             found[missing] = self.patches.pieces.piece[nearest]
         return np.asarray(self.patches.of_piece[found])
 
@@ -121,5 +120,9 @@ class PatchesBeside:
         from scipy.spatial import cKDTree
 
         pieces = self.patches.pieces
-        cell = pieces.facet[pieces.piece] % len(self.skin.mesh.cells)
-        return cKDTree(np.column_stack([pieces.points, APART * float(np.ptp(pieces.points, axis=0).max()) * cell]))
+        return cKDTree(self._spread(pieces.points, pieces.facet[pieces.piece] % len(self.skin.mesh.cells)))
+
+    def _spread(self, points: Floats, cell: Ints) -> Floats:
+        """Return ``points`` (n, d) with a further coordinate that sets those of each ``cell`` (n,) far apart."""
+        size = float(np.ptp(self.patches.pieces.points, axis=0).max())
+        return np.column_stack([points, APART * size * cell])

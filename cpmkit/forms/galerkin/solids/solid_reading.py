@@ -119,12 +119,6 @@ class SolidLocator:
                 leftward = oriented.leftward(feet, on, DIFFERENCE_SPACINGS * lattice.spacing)
                 yield number, near, np.sum((at[near] - on.points) * leftward, axis=1), leftward
 
-    def signed_distance(self, number: int, points: Floats) -> Floats:
-        """Return the distances (k,) of ``points`` (k, d) from boundary ``number``, positive on its left; else NaN."""
-        oriented, lattice = self.sampled.oriented[number], self.sampled.lattice
-        at = lattice.to_scene(points) - oriented.left.origin
-        return oriented.signed_distance(at, DIFFERENCE_SPACINGS * lattice.spacing)
-
     @cached_property
     def _skin_tree(self) -> Any:
         """The k-d tree of the samples on the skin."""
