@@ -17,7 +17,6 @@ from cpmkit.runtime.options import DeclaredOptions, one_of, option
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.junction import unsupported_junction
 from cpmkit.scene.laws import Nonlinear
-from cpmkit.scene.left import samplings
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
 
@@ -177,7 +176,6 @@ def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
         "curves in a plane solid, or surfaces in one in space, as boundaries inside": any(
             not oriented.has_sides for oriented in inside
         ),
-        "surfaces inside solids that do not reach their boundary": surface.dim == 3 and any(map(_reaches_skin, inside)),
         "no velocity on unions of several dimensions": len(dims) > 1 and scene.problem.terms().velocity is not None,
         "no second Laplacian on unions of several dimensions": len(dims) > 1 and scene.problem.family == "biharmonic",
     }
@@ -191,9 +189,3 @@ def _boundaries_in_solid(scene: Scene) -> list[OrientedBoundary]:
     """Return the boundaries of the scene that lie in a solid."""
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
     return [each for each in oriented if each.dimension == scene.surface.dim]
-
-
-def _reaches_skin(oriented: OrientedBoundary) -> bool:
-    """Return whether some of a few samples of a boundary inside a solid lie on the boundary of the solid or outside."""
-    samples, _ = next(samplings(oriented.source, oriented.surface))
-    return bool((oriented.surface.closest_point(samples.points).edge >= 0).any())

@@ -198,11 +198,11 @@ def with_boundaries_inside(
         beyond = np.zeros(len(mesh.cells), dtype=bool)
         if solid.dim == 3:
             mesh, beyond = _with_rims_extended(mesh, inside, number, solid, lattice)
-        plus = _left_of_normals(mesh, boundary, lattice)
+        plus = left_of_normals(mesh, boundary, lattice)
         parts.append(_two_sided(part, mesh, number, plus, beyond))
         if solid.dim == 2 and len(extensions[number].cells):
             flat = FlatPart(part.source, extensions[number], "flat", (), None).curved(lattice)
-            plus = _left_of_normals(flat, boundary, lattice)
+            plus = left_of_normals(flat, boundary, lattice)
             parts.append(_two_sided(part, flat, number, plus, np.ones(len(plus), dtype=bool)))
     if solid.dim == 3:
         _check_apart(parts, skin, [boundary.boundary.name for boundary in oriented], lattice)
@@ -269,7 +269,7 @@ def _cells_inside(mesh: Mesh, solid: LocalSource, name: str, lattice: Lattice) -
     )
 
 
-def _left_of_normals(mesh: Mesh, boundary: OrientedBoundary, lattice: Lattice) -> Bools:
+def left_of_normals(mesh: Mesh, boundary: OrientedBoundary, lattice: Lattice) -> Bools:
     """Return (m,) whether the left of a ``boundary`` is where the normals of its cells point.
 
     It is the same all over a part of the boundary whose cells can be oriented alike.

@@ -56,14 +56,17 @@ class FlatPart:
         source, mesh, geometry, warnings = mesh_of_manifold(boundary, lattice.spacing, LONGEST_EDGES[boundary.dim])
         return cls(source, mesh, geometry, warnings, source)
 
-    def curved(self, lattice: Lattice, part_at: PartAt | None = None) -> Mesh:
+    def curved(
+        self, lattice: Lattice, part_at: PartAt | None = None, divided: bool = False, share: float = 1.0
+    ) -> Mesh:
         """Return the cells that are sampled: subdivided, curved, segments split at the lattice's knot planes.
 
-        Cells of a skin with parts, see :func:`skin_of`, are no longer than those of curved ones.
+        Cells of a skin with parts, see :func:`skin_of`, and all if ``divided``, are no longer than curved ones. Edges
+        are no longer than a ``share`` of the longest.
         """
         mesh, spacing = self.mesh, lattice.spacing
-        if self.geometry != "flat" or mesh.manifold_dim == 1 or part_at is not None:
-            mesh = subdivide(mesh, LONGEST_EDGES[mesh.dim] * spacing)
+        if self.geometry != "flat" or mesh.manifold_dim == 1 or part_at is not None or divided:
+            mesh = subdivide(mesh, share * LONGEST_EDGES[mesh.dim] * spacing)
         if part_at is not None:
             mesh = split_at_parts(mesh, np.arange(len(mesh.edges.ends)), part_at, self.geometry, self.source)
         return curve_cells(mesh, self.geometry, self.source, (), spacing)
@@ -90,7 +93,7 @@ class Skin:
         mesh = self.mesh
         if mesh.midpoints is None:
             return np.ones(len(mesh.cells), dtype=bool)
-        bulge = np.linalg.norm(mesh.midpoints - _straight_midpoints(mesh), axis=2).max(axis=1)
+        bulge = np.linalg.norm(mesh.midpoints - straight_midpoints(mesh), axis=2).max(axis=1)
         return np.asarray(bulge <= STRAIGHT_SHARE * mesh.lengths_of_cells.max(axis=1))
 
     @property
@@ -103,19 +106,28 @@ class Skin:
         mesh = self.mesh
         if mesh.dim == 2 or mesh.midpoints is None:
             return mesh, None
-        count, edges = len(mesh.vertices), mesh.edges
-        middles = np.empty((len(edges.ends), 3))
-        middles[edges.of_cells] = mesh.midpoints
-        a, b, c = mesh.cells.T
-        p, q, r = (count + edges.of_cells).T
-        quarters = [(a, r, q), (b, p, r), (c, q, p), (p, q, r)]
-        cells = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
-        return Mesh.of(np.concatenate([mesh.vertices, middles]), cells), replace(mesh, midpoints=None)
+        return quartered(mesh), replace(mesh, midpoints=None)
 
     @property
     def count(self) -> int:
         """Number of cells on the boundary of the solid, which come first."""
         return int((self.owner < 0).sum())
+
+
+def quartered(mesh: Mesh) -> Mesh:
+    """Return the four flat triangles between the corners and midpoints of each quadratic one, those of a corner first.
+
+    Triangle i of the first, second, third and last m of them is a part of triangle i of the m in ``mesh``.
+    """
+    assert mesh.midpoints is not None
+    count, edges = len(mesh.vertices), mesh.edges
+    middles = np.empty((len(edges.ends), 3))
+    middles[edges.of_cells] = mesh.midpoints
+    a, b, c = mesh.cells.T
+    p, q, r = (count + edges.of_cells).T
+    quarters = [(a, r, q), (b, p, r), (c, q, p), (p, q, r)]
+    cells = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
+    return Mesh.of(np.concatenate([mesh.vertices, middles]), cells)
 
 
 def has_reentrant_edges(mesh: Mesh) -> bool:
@@ -144,16 +156,22 @@ def _parts_of_member(solid: LocalSource, lattice: Lattice) -> list[FlatPart]:
 
 
 def skin_of(
-    solid: LocalSource, parts: Sequence[Sequence[FlatPart]], lattice: Lattice, part_at: PartAt | None = None
+    solid: LocalSource,
+    parts: Sequence[Sequence[FlatPart]],
+    lattice: Lattice,
+    part_at: PartAt | None = None,
+    divided: bool = False,
 ) -> Skin:
     """Return the skin of a solid from its :func:`flat_parts`, split where its parts by ``part_at`` meet, if given.
+
+    Flat cells are subdivided as well if ``divided``.
 
     Raises SceneError if it is not closed, or inside and outside cannot be distinguished, ResolutionError if the
     spacing is too coarse for a curved one.
     """
     skins = []
     for member, own in zip(solid.members, parts, strict=True):
-        skin = joined([_closed_boundary(part, lattice, part_at) for part in own])
+        skin = joined([_closed_boundary(part, lattice, part_at, divided) for part in own])
         skins.append(replace(skin, mesh=_oriented(skin.mesh, member, _boundary_source(member), lattice)))
     return joined(skins)
 
@@ -178,19 +196,19 @@ def joined(parts: Sequence[Skin]) -> Skin:
 
 def _midpoints(mesh: Mesh) -> Floats:
     """Return the midpoints (m, e, d) of the edges of each cell, of straight edges where the mesh has none."""
-    return _straight_midpoints(mesh) if mesh.midpoints is None else mesh.midpoints
+    return straight_midpoints(mesh) if mesh.midpoints is None else mesh.midpoints
 
 
-def _straight_midpoints(mesh: Mesh) -> Floats:
+def straight_midpoints(mesh: Mesh) -> Floats:
     """Return the midpoints (m, e, d) of the straight edges of each cell; those of triangles opposite their corners."""
     corners = mesh.vertices[mesh.cells]
     return np.asarray(0.5 * (corners.sum(axis=1, keepdims=True) - (corners if mesh.manifold_dim == 2 else 0.0)))
 
 
-def _closed_boundary(part: FlatPart, lattice: Lattice, part_at: PartAt | None) -> Skin:
+def _closed_boundary(part: FlatPart, lattice: Lattice, part_at: PartAt | None, divided: bool) -> Skin:
     """Return a closed ``part`` of the boundary of a solid, not yet oriented."""
     _check_closed(part.mesh, lattice)
-    mesh = part.curved(lattice, part_at)
+    mesh = part.curved(lattice, part_at, divided)
     if part.geometry == "closest_point":
         _check_resolved(mesh, part.source, lattice)
     no, none = np.zeros(len(mesh.cells), dtype=bool), np.full(len(mesh.cells), -1)

@@ -21,12 +21,14 @@ from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.solids.boundaries_inside import (
     boundaries_inside,
     check_sectors,
+    left_of_normals,
     split_where_curves_meet,
     welded,
     with_boundaries_inside,
 )
 from cpmkit.forms.galerkin.solids.skin import Skin, flat_parts, has_reentrant_edges, skin_of
 from cpmkit.forms.galerkin.solids.skin_samples import skin_samples
+from cpmkit.forms.galerkin.solids.surfaces_inside import with_surfaces_inside
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
@@ -143,7 +145,10 @@ def _whole_skin(scene: Scene, solid: LocalSource, oriented: Sequence[OrientedBou
     if not inside:
         return skin_of(solid, parts, lattice, part_at)
     if solid.dim == 3:
-        return with_boundaries_inside(skin_of(solid, parts, lattice, part_at), inside, (), oriented, solid, lattice)
+        skin = skin_of(solid, parts, lattice, part_at, divided=True)
+        return with_surfaces_inside(
+            skin, inside, names, solid, lambda number, mesh: left_of_normals(mesh, oriented[number], lattice), lattice
+        )
     curves = split_where_curves_meet(parts, inside, names, solid, lattice)
     skin = skin_of(solid, curves.skin, lattice, part_at)
     whole = with_boundaries_inside(skin, curves.inside, curves.extensions, oriented, solid, lattice)

@@ -1,0 +1,318 @@
+"""Surfaces inside a solid in space: trimmed at its skin, split where they meet it and each other, on both sides.
+
+The mesh of the skin grows by one surface after the other. Each is continued past its rims, the solid's part of it is
+kept, both are split where they meet, and get common vertices and edges there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from cpmkit.errors import ResolutionError, SceneError, place
+from cpmkit.forms.galerkin.solids.skin import FlatPart, Skin, quartered, straight_midpoints, with_turned
+from cpmkit.forms.galerkin.solids.tip_extensions import EXTENDED_SPACINGS, with_extended_rims
+from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vector_algebra import norms
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.sectors import sector_facets
+from cpmkit.meshing.meeting_surfaces import (
+    match_chains,
+    moved_onto,
+    piercing_points,
+    split_at_surface,
+    turned_cells,
+    with_points,
+)
+from cpmkit.meshing.splitting import QuadraticSurface, edge_numbers, split_edges
+from cpmkit.runtime.index_sets import connected_components
+from cpmkit.types import Bools, Floats, Ints
+
+#: A surface that ends nearer to the skin or another one than this, in spacings, ends on it.
+ON_SPACINGS = 0.05
+#: A surface is continued past a rim up to this share of the distance to another of its rims.
+RIM_SHARE = 0.45
+#: It is continued by the first of these shares of ``EXTENDED_SPACINGS`` that fits.
+EXTENSION_SHARES = (1.0, 0.8, 0.6, 1 / 3, 0.0)
+#: The longest edges of its triangles are the first of these shares of those of skins with which it can be joined.
+FINENESSES = (1.0, 0.8, 0.6)
+#: Longest edges of continuations, in spacings.
+LONGEST_EXTENSION = 1.5
+#: A triangle of a surface inside with its corners on the skin is left out if its centre is nearer to it than this share
+#: of its size.
+THIN_SHARE = 0.05
+#: Triangles beside an edge where surfaces meet are halved where their area elements are below this share of flat ones,
+LEAST_AREA_SHARE = 0.15
+#: at most so often.
+HALVINGS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class OwnedMesh:
+    """Quadratic triangles of the skin and of surfaces inside, with common vertices where they meet."""
+
+    mesh: Mesh
+    owner: Ints  #: (m,): the number of the surface of each triangle, -1 for the skin.
+    beyond: Bools  #: (m,): whether a triangle continues a surface past a rim.
+
+    def take(self, rows: Bools | Ints, mesh: Mesh | None = None) -> OwnedMesh:
+        """Return the triangles ``rows``; or those of a ``mesh`` whose parents these are."""
+        if mesh is None:
+            mesh = _part_of(self.mesh, rows)
+        return OwnedMesh(mesh, self.owner[rows], self.beyond[rows])
+
+    def near_rims(self, lattice: Lattice) -> Floats:
+        """Return (v,) the distance from another surface at which a vertex lies on it: positive where a rim was."""
+        continued, given = np.zeros((2, len(self.mesh.vertices)), dtype=bool)
+        continued[self.mesh.cells[self.beyond]], given[self.mesh.cells[~self.beyond]] = True, True
+        return np.where(continued & given, ON_SPACINGS * lattice.spacing, 0.0)
+
+    @property
+    def seams(self) -> Bools:
+        """(e,) which edges have triangles of several owners."""
+        edges = self.mesh.edges
+        least, most = np.full(len(edges.ends), np.iinfo(np.int64).max), np.full(len(edges.ends), -2)
+        for corner in range(3):
+            np.minimum.at(least, edges.of_cells[:, corner], self.owner)
+            np.maximum.at(most, edges.of_cells[:, corner], self.owner)
+        return least < most
+
+
+def _part_of(mesh: Mesh, rows: Bools | Ints) -> Mesh:
+    """Return the triangles ``rows`` of a mesh, with all its vertices, and the facets in ``cut`` that they have."""
+    assert mesh.midpoints is not None
+    part = Mesh.of(mesh.vertices, mesh.cells[rows], mesh.midpoints[rows])
+    has = edge_numbers(part, mesh.cut) >= 0 if len(mesh.cut) else np.zeros(0, dtype=bool)
+    return replace(part, cut=mesh.cut[has], owner=mesh.owner[has], beyond_tip=mesh.beyond_tip[has])
+
+
+def with_surfaces_inside(
+    skin: Skin,
+    inside: Sequence[FlatPart],
+    names: Sequence[str],
+    solid: LocalSource,
+    left_of: Callable[[int, Mesh], Bools],
+    lattice: Lattice,
+) -> Skin:
+    """Return the ``skin`` with two cells at each place of the surfaces ``inside`` and of their continuations.
+
+    ``left_of`` returns for the number and the cells (m,) of a surface whether its left is where their normals point.
+    Raises SceneError if a surface lies outside of the solid, or touches the skin or another one, or runs along it.
+    """
+    count = len(skin.mesh.cells)
+    none = np.zeros(count, dtype=bool)
+    whole = OwnedMesh(_quadratic(skin.mesh), np.full(count, -1), none)
+    outer, earlier = QuadraticSurface(whole.mesh), list[QuadraticSurface]()
+    for number, part in enumerate(inside):
+        for fineness, extension in product(FINENESSES, EXTENSION_SHARES):
+            near = _near_solid(part, solid, names[number], fineness, lattice)
+            own = _continued(near, part, number, extension * EXTENDED_SPACINGS * lattice.spacing, lattice)
+            if own is None:
+                continue
+            surface = QuadraticSurface(own.mesh)
+            base, own = _pierced(whole, own, lattice), _pierced(own, whole, lattice)
+            own = _split_at_earlier(_trimmed(own, outer, solid, names[number], lattice), earlier, lattice)
+            joined = _joined(base, own, surface, lattice)
+            if isinstance(joined, OwnedMesh):
+                break
+        if not isinstance(joined, OwnedMesh):
+            raise ResolutionError(
+                f"spacing={lattice.spacing:g} is too coarse for where boundary {names[number]!r} meets the boundary of "
+                f"the solid, or another one, near {place(lattice.to_scene(joined))}, or they are nearly tangent there; "
+                f"use spacing={0.5 * lattice.spacing:g} or less, or form='collocation'."
+            )
+        whole = joined
+        earlier.append(surface)
+    whole = _without_loose_ends(whole)
+    return _two_sided(skin, whole, inside, left_of)
+
+
+def _quadratic(mesh: Mesh) -> Mesh:
+    """Return the triangles with midpoints, of straight edges if they have none."""
+    return mesh if mesh.midpoints is not None else mesh.with_same_cells(midpoints=straight_midpoints(mesh))
+
+
+def _near_solid(part: FlatPart, solid: LocalSource, name: str, fineness: float, lattice: Lattice) -> Mesh:
+    """Return the quadratic triangles of a surface, without those far outside of the ``solid``."""
+    mesh = _quadratic(part.curved(lattice, divided=True, share=fineness))
+    feet = solid.closest_point(mesh.vertices)
+    far = (feet.edge >= 0) & (feet.distance > 2 * mesh.edge_lengths.max())
+    near = ~far[mesh.cells].all(axis=1)
+    if not near.any():
+        raise SceneError(f"boundary {name!r} lies outside the solid and would act on nothing; look where it lies.")
+    used, cells = np.unique(mesh.cells[near], return_inverse=True)
+    assert mesh.midpoints is not None
+    return Mesh.of(mesh.vertices[used], cells.reshape(-1, 3), mesh.midpoints[near])
+
+
+def _continued(mesh: Mesh, part: FlatPart, number: int, length: float, lattice: Lattice) -> OwnedMesh | None:
+    """Return the triangles of surface ``number`` with its rims extended by ``length``; None if it would meet itself."""
+    wide, beyond = mesh, np.zeros(len(mesh.cells), dtype=bool)
+    if length > 0:
+        wide, beyond = with_extended_rims(mesh, length)
+        ends = wide.vertices[len(mesh.vertices) :]
+        if part.source.closest_point(ends).distance.min(initial=np.inf) <= RIM_SHARE * length:
+            return None
+    while True:
+        on_strip = np.zeros(len(wide.edges.ends), dtype=bool)
+        on_strip[wide.edges.of_cells[beyond]] = True
+        long = np.flatnonzero(on_strip & (wide.edge_lengths > LONGEST_EXTENSION * lattice.spacing))
+        if not len(long):
+            return OwnedMesh(wide, np.full(len(wide.cells), number), beyond)
+        wide, parent = split_edges(wide, wide.edges.ends[long], np.full(len(long), 0.5))
+        beyond = beyond[parent]
+
+
+def _pierced(one: OwnedMesh, other: OwnedMesh, lattice: Lattice) -> OwnedMesh:
+    """Return the triangles of ``one`` with vertices where creases of the ``other`` meet them."""
+    surface = QuadraticSurface(one.mesh)
+    mesh, parent = with_points(one.mesh, piercing_points(other.mesh, lambda x: surface.side(x, lattice.spacing)))
+    return one.take(parent, mesh)
+
+
+def _trimmed(own: OwnedMesh, outer: QuadraticSurface, solid: LocalSource, name: str, lattice: Lattice) -> OwnedMesh:
+    """Return the part of a surface in the ``solid``, with its edges on the skin in ``cut``."""
+
+    def side(points: Floats) -> tuple[Floats, Floats]:
+        """Return the distances (n,) of points from the skin, negative inside, and zeros."""
+        distance = np.full(len(points), np.inf)
+        rows = np.flatnonzero(outer.is_near(points, lattice.spacing))
+        if len(rows):
+            distance[rows] = norms(points[rows] - outer.nearest(points[rows]))
+        return np.where(solid.closest_point(points).edge < 0, -distance, distance), np.zeros(len(points))
+
+    split = split_at_surface(own.mesh, side, own.near_rims(lattice), exact=1e-3, thin=THIN_SHARE)
+    kept = own.take(split.parent, split.mesh).take(split.sides < 0)
+    if kept.beyond.all():
+        raise SceneError(f"boundary {name!r} lies outside the solid and would act on nothing; look where it lies.")
+    return _with_cut(kept, _rim_on(kept.mesh, split.is_on))
+
+
+def _rim_on(mesh: Mesh, is_on: Bools) -> Ints:
+    """Return the edges (k, 2) of the rim of a mesh with both vertices ``is_on`` (v,)."""
+    edges = mesh.edges
+    count = np.bincount(edges.of_cells.ravel(), minlength=len(edges.ends))
+    return edges.ends[(count == 1) & is_on[edges.ends].all(axis=1)]
+
+
+def _with_cut(own: OwnedMesh, ends: Ints) -> OwnedMesh:
+    """Return the triangles with further edges ``ends`` (k, 2) in ``cut``."""
+    cut = np.unique(np.sort(np.concatenate([own.mesh.cut, ends]), axis=1), axis=0)
+    none = np.zeros(len(cut), dtype=np.int64)
+    return replace(own, mesh=own.mesh.with_same_cells(cut=cut, owner=none, beyond_tip=none.astype(bool)))
+
+
+def _split_at_earlier(own: OwnedMesh, earlier: Sequence[QuadraticSurface], lattice: Lattice) -> OwnedMesh:
+    """Return a surface split where it meets ``earlier`` ones, with its edges there in ``cut``."""
+    for other in earlier:
+
+        def side(points: Floats, other: QuadraticSurface = other) -> tuple[Floats, Floats]:
+            """Return the heights above the other surface, and how far points are beyond its rim."""
+            return other.side(points, lattice.spacing)
+
+        split = split_at_surface(own.mesh, side, own.near_rims(lattice), beyond_rim=ON_SPACINGS)
+        own = own.take(split.parent, split.mesh)
+        own = _with_cut(own, np.concatenate([split.chain, _rim_on(own.mesh, split.is_on)]))
+    return own
+
+
+def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice: Lattice) -> OwnedMesh | Floats:
+    """Return the ``whole`` with the triangles of a further ``surface``, its ``own``, joined at the edges in ``cut``.
+
+    If they cannot be joined, a place (3,) where they meet is returned.
+    """
+    number, chain = np.full(len(own.mesh.vertices), -1), own.mesh.cut
+    if len(chain):
+        whole, base_chain = _split_along(whole, surface, lattice)
+        matched = match_chains(whole.mesh, base_chain, own.mesh, chain)
+        if isinstance(matched, np.ndarray):
+            return matched
+        for mesh, edges in ((matched.base, matched.number[matched.chain]), (matched.other, matched.chain)):
+            turned = turned_cells(mesh, edges, 0.0)
+            if len(turned):
+                return np.asarray(mesh.vertices[mesh.cells[turned[0]]].mean(axis=0))
+        whole = whole.take(matched.parent, matched.base)
+        own, number = own.take(matched.other_parent, matched.other), matched.number
+    new = number < 0
+    number[new] = len(whole.mesh.vertices) + np.arange(new.sum())
+    mesh = Mesh.of(
+        np.concatenate([whole.mesh.vertices, own.mesh.vertices[new]]),
+        np.concatenate([whole.mesh.cells, number[own.mesh.cells]]),
+        np.concatenate([whole.mesh.midpoints, own.mesh.midpoints]),
+    )
+    joined = OwnedMesh(mesh, np.concatenate([whole.owner, own.owner]), np.concatenate([whole.beyond, own.beyond]))
+    return joined if (at := _unclosed(joined)) is None else at
+
+
+def _unclosed(whole: OwnedMesh) -> Floats | None:
+    """Return a place (3,) where triangles and both sides of surfaces inside enclose no sectors; None if they all do."""
+    inner = np.flatnonzero(whole.owner >= 0)
+    turned = with_turned(whole.mesh, inner)
+    cells, midpoints = (
+        np.concatenate([getattr(whole.mesh, name), getattr(turned, name)[inner]]) for name in ("cells", "midpoints")
+    )
+    mesh = quartered(Mesh.of(whole.mesh.vertices, cells, midpoints))
+    is_open = sector_facets(mesh)[1].any(axis=1)
+    return np.asarray(mesh.vertices[mesh.cells[np.argmax(is_open)]].mean(axis=0)) if is_open.any() else None
+
+
+def _split_along(whole: OwnedMesh, surface: QuadraticSurface, lattice: Lattice) -> tuple[OwnedMesh, Ints]:
+    """Return the triangles split where they meet a ``surface``, and their edges (k, 2) there.
+
+    Triangles whose parts would turn over, beside an edge that is bent more than they are thick, are halved before.
+    """
+    for turn in range(HALVINGS + 1):
+        split = split_at_surface(whole.mesh, lambda points: surface.side(points, 3 * lattice.spacing))
+        mesh = moved_onto(split.mesh, split.chain, surface)
+        turned = turned_cells(mesh, split.chain, LEAST_AREA_SHARE)
+        if turn == HALVINGS or not len(turned):
+            break
+        edges = np.unique(whole.mesh.edges.of_cells[split.parent[turned]])
+        halves, parent = split_edges(whole.mesh, whole.mesh.edges.ends[edges], np.full(len(edges), 0.5))
+        whole = whole.take(parent, halves)
+    return whole.take(split.parent, mesh), split.chain
+
+
+def _without_loose_ends(whole: OwnedMesh) -> OwnedMesh:
+    """Return the triangles without continuations behind another surface: connected to no part of their own one."""
+    cells, inner = whole.mesh.edges.of_cells, ~whole.seams
+    count = len(cells)
+    links = np.stack([np.repeat(np.arange(count), 3), count + cells.ravel()], axis=1)[inner[cells.ravel()]]
+    _, label = connected_components(count + len(inner), links)
+    used = np.zeros(count + len(inner), dtype=bool)
+    used[label[:count][~whole.beyond]] = True
+    return whole.take(used[label[:count]])
+
+
+def _two_sided(skin: Skin, whole: OwnedMesh, inside: Sequence[FlatPart], left_of: Callable[[int, Mesh], Bools]) -> Skin:
+    """Return the cells of the ``skin``, and those of each surface inside, first with its normals, then turned."""
+    parts = [_part_of(whole.mesh, whole.owner == number) for number in range(-1, len(inside))]
+    cells, midpoints, left, twin = (
+        [parts[0].cells],
+        [parts[0].midpoints],
+        [np.zeros(len(parts[0].cells), dtype=bool)],
+        [],
+    )
+    twin.append(np.full(len(parts[0].cells), -1))
+    start = len(parts[0].cells)
+    owner, beyond = [twin[0]], [left[0]]
+    for number, part in enumerate(parts[1:]):
+        count = len(part.cells)
+        plus, turned = left_of(number, part), with_turned(part, np.arange(count))
+        cells += [part.cells, turned.cells]
+        midpoints += [part.midpoints, turned.midpoints]
+        left += [~plus, plus]
+        twin.append(start + np.roll(np.arange(2 * count), count))
+        owner.append(np.full(2 * count, number))
+        beyond.append(np.tile(whole.beyond[whole.owner == number], 2))
+        start += 2 * count
+    mesh = Mesh.of(whole.mesh.vertices, np.concatenate(cells), np.concatenate(midpoints))
+    geometry = next((part.geometry for part in inside if part.geometry != "flat"), "flat")
+    geometry = skin.geometry if skin.geometry != "flat" else geometry
+    warnings = sum((part.warnings for part in inside), skin.warnings)
+    made = Skin(mesh, geometry, warnings, *(np.concatenate(each) for each in (owner, left, beyond, twin)))
+    return replace(made, mesh=Mesh.of(mesh.vertices, mesh.cells)) if made.is_flat.all() else made

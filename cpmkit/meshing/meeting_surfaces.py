@@ -1,0 +1,409 @@
+"""Surfaces in space that meet: quadratic triangles split where they meet another surface, with common edges there.
+
+A triangle is split at points of its own quadratic geometry, so that its parts are the same surface. Vertices beside the
+curve where surfaces meet are first moved along an edge onto it, so that no part is thin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.grid.lattice import find_codes
+from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.meshing.contouring.curve_graph import near_chords
+from cpmkit.meshing.splitting import (
+    QuadraticSurface,
+    arc_points,
+    edge_midpoints,
+    edge_numbers,
+    split_cells,
+    split_edges,
+    with_edge_midpoints,
+)
+from cpmkit.runtime.index_sets import connected_components
+from cpmkit.types import Bools, Floats, Ints
+
+#: A vertex nearer to a crossing of an edge than this share of the edge is moved there; chains are matched to it.
+SNAP_SHARE = 0.3
+#: A vertex nearer to the other surface than this share of its shortest edge lies on it.
+ON_SHARE = 1e-6
+#: Surfaces that meet an edge farther beyond their rim than so many of its lengths do not split it.
+BEYOND_RIM = 1.5
+#: Normals of two triangles differ by more than this at the middle of a crease.
+CREASE_DEGREES = 3.0
+#: A point nearer to an edge or a vertex than this share of its triangle's height becomes a vertex of it.
+NEAR_EDGE_SHARE = 0.2
+#: Vertices are moved where the areas of their triangles keep this share.
+LEAST_MOVED_SHARE = 0.1
+#: Rounds of the search for a crossing of an edge: every third one halves the interval.
+ROUNDS = 60
+#: Vertices of two chains are one if they are nearer than this share of an edge.
+SAME_VERTEX_SHARE = 0.3
+#: A point of one chain belongs to the other if it is nearer than this share of the longest edge of both.
+SAME_CHAIN_SHARE = 0.3
+
+#: Returns the signed distance (n,) of points (n, 3) from a surface, and how far (n,) they are beyond its rim.
+Side = Callable[[Floats], tuple[Floats, Floats]]
+
+
+@dataclass(frozen=True, eq=False)
+class SplitMesh:
+    """Triangles that were split, and where they meet the other surface."""
+
+    mesh: Mesh  #: Quadratic triangles.
+    parent: Ints  #: (m,): the triangle that each is a part of.
+    is_on: Bools  #: (v,): whether a vertex lies on the other surface.
+    sides: Ints  #: (m,): 1 or -1 for triangles on one side of the other surface, 0 for those on both sides.
+
+    @property
+    def chain(self) -> Ints:
+        """(k, 2) the edges between triangles on both sides."""
+        edges = self.mesh.edges
+        least, most = np.ones(len(edges.ends)), -np.ones(len(edges.ends))
+        for corner in range(3):
+            np.minimum.at(least, edges.of_cells[:, corner], self.sides)
+            np.maximum.at(most, edges.of_cells[:, corner], self.sides)
+        return edges.ends[self.is_on[edges.ends].all(axis=1) & (least * most < 0)]
+
+
+def split_at_surface(
+    mesh: Mesh,
+    side: Side,
+    on: Floats | float = 0.0,
+    exact: float = 1e-12,
+    beyond_rim: float = BEYOND_RIM,
+    thin: float = 0.0,
+) -> SplitMesh:
+    """Return quadratic triangles split where they cross another surface, given by its ``side``.
+
+    Vertices nearer to the surface than ``on`` (v,) lie on it. Edges that cross it are split where they do, to a share
+    ``exact`` of their length, if that is beyond its rim by at most ``beyond_rim`` of it. Triangles with all corners on
+    it have no side if their centres are nearer than the share ``thin`` of their size.
+    """
+    sides = side(mesh.vertices)[0]
+    mesh_edges, lengths = mesh.edges.ends, mesh.edge_lengths
+    shortest = np.full(len(mesh.vertices), np.inf)
+    np.minimum.at(shortest, mesh_edges, lengths[:, None])
+    sides[np.abs(sides) <= np.maximum(ON_SHARE * shortest, on)] = 0.0
+    crossing, share = _crossings(mesh, sides, side, np.arange(len(mesh_edges)), exact, beyond_rim)
+    mesh, sides = _snapped(mesh, sides, crossing, share)
+    crossing, share = _crossings(mesh, sides, side, crossing, exact, beyond_rim)
+    split, parent = split_edges(mesh, mesh.edges.ends[crossing], share)
+    sides = np.concatenate([sides, np.zeros(len(crossing))])
+    signs = np.sign(sides)[split.cells]
+    least, most = signs.min(axis=1), signs.max(axis=1)
+    of_cells = np.where(least * most < 0, 0, np.sign(least + most))
+    inner = np.flatnonzero((signs == 0).all(axis=1))
+    if len(inner):
+        height = side(QuadraticSurface(split).frames(inner, np.full((len(inner), 3), 1 / 3))[0])[0]
+        of_cells[inner] = np.where(
+            np.abs(height) < thin * split.lengths_of_cells[inner].max(axis=1), 0, np.sign(height)
+        )
+    return SplitMesh(split, parent, sides == 0, of_cells.astype(np.int64))
+
+
+def _crossings(
+    mesh: Mesh, sides: Floats, side: Side, edges: Ints, exact: float, beyond_rim: float
+) -> tuple[Ints, Floats]:
+    """Return which of ``edges`` (k,) cross the other surface, and the shares (n,) of them at which they do."""
+    ends = mesh.edges.ends[edges]
+    edges = edges[np.prod(np.sign(sides[ends]), axis=1) < 0]
+    start, end = sides[mesh.edges.ends[edges]].T
+    low, high, share = np.zeros(len(edges)), np.ones(len(edges)), np.full(len(edges), 0.5)
+    before, after = start.copy(), end.copy()
+    active = np.arange(len(edges))
+    for turn in range(ROUNDS):
+        if not len(active):
+            break
+        with np.errstate(all="ignore"):
+            secant = low[active] + (high - low)[active] * before[active] / (before - after)[active]
+        bisect = (turn % 3 == 2) | ~((secant > low[active]) & (secant < high[active]))
+        share[active] = np.where(bisect, 0.5 * (low + high)[active], secant)
+        value = side(arc_points(mesh, edges[active], share[active]))[0]
+        on_first = value * start[active] > 0
+        low[active], before[active] = np.where(on_first, [share[active], value], [low[active], before[active]])
+        high[active], after[active] = np.where(on_first, [high[active], after[active]], [share[active], value])
+        ready = (np.abs(value) <= exact * mesh.edge_lengths[edges[active]]) | ((high - low)[active] < exact)
+        active = active[~ready]
+    height, beyond = side(arc_points(mesh, edges, share)) if len(edges) else (start, start)
+    length = mesh.edge_lengths[edges]
+    valid = (np.abs(height) <= 0.1 * length) & (beyond <= beyond_rim * length)
+    return edges[valid], share[valid]
+
+
+def _snapped(mesh: Mesh, sides: Floats, crossing: Ints, share: Floats) -> tuple[Mesh, Floats]:
+    """Return the mesh with vertices beside crossings moved there along their edges, and the sides of vertices.
+
+    Vertices on creases and rims move along these alone; corners stay.
+    """
+    creased = creased_edges(mesh)
+    creases = np.bincount(mesh.edges.ends[creased].ravel(), minlength=len(mesh.vertices))
+    near_end = share > 0.5
+    vertex = mesh.edges.ends[crossing, near_end.astype(int)]
+    away = np.where(near_end, 1 - share, share)
+    fits = (away < SNAP_SHARE) & ((creases[vertex] == 0) | ((creases[vertex] == 2) & creased[crossing]))
+    order = np.flatnonzero(fits)[np.argsort(away[fits], kind="stable")]
+    order = order[np.sort(np.unique(vertex[order], return_index=True)[1])]  # the nearest crossing of each vertex
+    mesh, moved = _with_moved(mesh, vertex[order], arc_points(mesh, crossing[order], share[order]), creased)
+    return mesh, np.where(moved, 0.0, sides)
+
+
+def _with_moved(mesh: Mesh, rows: Ints, points: Floats, creased: Bools) -> tuple[Mesh, Bools]:
+    """Return the mesh with the vertices ``rows`` (k,) at ``points`` (k, 3) of it, and which vertices (v,) were moved.
+
+    Midpoints follow; those of ``creased`` edges (e,) keep to the arcs of these. Vertices stay whose triangles would
+    become thin or turn over.
+    """
+    moved, at = np.zeros(len(mesh.vertices), dtype=bool), mesh.vertices.copy()
+    moved[rows], at[rows] = True, points
+    areas = _areas(mesh.vertices[mesh.cells])
+    while True:
+        vertices = np.where(moved[:, None], at, mesh.vertices)
+        share = dots(_areas(vertices[mesh.cells]), areas) / np.maximum(dots(areas, areas), 1e-300)
+        turned = (share < LEAST_MOVED_SHARE) & moved[mesh.cells].any(axis=1)
+        if not turned.any():
+            break
+        moved[mesh.cells[turned]] = False
+    if not moved.any():
+        return mesh, moved
+    changed, midpoints = np.flatnonzero(moved[mesh.edges.ends].any(axis=1)), edge_midpoints(mesh)
+    shift = (vertices - mesh.vertices)[mesh.edges.ends[changed]].sum(axis=1) / 2
+    midpoints[changed] = QuadraticSurface(mesh).nearest(midpoints[changed] + shift)
+    rows = changed[creased[changed]]
+    old, new = mesh.vertices[mesh.edges.ends[rows]], vertices[mesh.edges.ends[rows]]
+    chord = old[:, 1] - old[:, 0]
+    midpoints[rows] = arc_points(mesh, rows, dots(new.mean(axis=1) - old[:, 0], chord) / dots(chord, chord))
+    return with_edge_midpoints(mesh.with_same_cells(vertices=vertices), midpoints), moved
+
+
+def _areas(corners: Floats) -> Floats:
+    """Return normals (m, 3) of flat triangles with these ``corners`` (m, 3, 3), as long as twice their areas."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def with_points(mesh: Mesh, points: Floats) -> tuple[Mesh, Ints]:
+    """Return the mesh with vertices at ``points`` (n, 3) of it, and the triangle (m,) that each is a part of.
+
+    Points near a crease, or a vertex on one, are left out.
+    """
+    parent = np.arange(len(mesh.cells))
+    for _ in range(len(points)):
+        creased = creased_edges(mesh)
+        cell, shares = QuadraticSurface(mesh).feet(points)
+        rows = _first_of_each(cell, shares.max(axis=1))
+        later = np.setdiff1d(np.arange(len(points)), rows)
+        cell, shares, at = cell[rows], shares[rows], points[rows]
+        is_inner = shares.min(axis=1) >= NEAR_EDGE_SHARE
+        edge = mesh.edges.of_cells[cell, shares.argmin(axis=1)]
+        on_edge = ~is_inner & (shares.max(axis=1) <= 1 - NEAR_EDGE_SHARE) & ~creased[edge]
+        on_edge[on_edge] = _is_first(edge[on_edge])
+        ends = mesh.edges.ends[edge[on_edge]]
+        first = norms(at[on_edge] - mesh.vertices[ends[:, 0]])
+        share = first / (first + norms(at[on_edge] - mesh.vertices[ends[:, 1]]))
+        on_corner = np.bincount(mesh.edges.ends[creased].ravel(), minlength=len(mesh.vertices)) > 0
+        corner = mesh.cells[cell, shares.argmax(axis=1)]
+        at_vertex = (shares.max(axis=1) > 1 - NEAR_EDGE_SHARE) & ~on_corner[corner]
+        at_vertex[at_vertex] = _is_first(corner[at_vertex])
+        mesh, parts = split_cells(mesh, cell[is_inner], shares[is_inner])
+        count = len(mesh.vertices)
+        mesh, more = split_edges(mesh, ends, share)
+        parent = parent[parts[more]]
+        target = np.concatenate([corner[at_vertex], count + np.arange(len(ends))])
+        mesh, _ = _with_moved(mesh, target, np.concatenate([at[at_vertex], at[on_edge]]), creased_edges(mesh))
+        points = points[later]
+        if not len(points):
+            break
+    return mesh, parent
+
+
+def _is_first(values: Ints) -> Bools:
+    """Return which of ``values`` (n,) did not occur before."""
+    first = np.zeros(len(values), dtype=bool)
+    first[np.unique(values, return_index=True)[1]] = True
+    return first
+
+
+def creased_edges(mesh: Mesh) -> Bools:
+    """Return which edges (e,) of quadratic triangles are creases or lie on the rim, or have more than two triangles."""
+    count = np.bincount(mesh.edges.of_cells.ravel(), minlength=len(mesh.edges.ends))
+    shares = 0.5 * (1 - np.eye(3))
+    surface = QuadraticSurface(mesh)
+    across = np.empty((len(mesh.cells), 3, 3))
+    for corner in range(3):
+        _, first, second = surface.frames(np.arange(len(mesh.cells)), np.tile(shares[corner], (len(mesh.cells), 1)))
+        across[:, corner] = unit(np.cross(first, second)) * mesh.winding[:, None]
+    total = np.zeros((len(count), 3))
+    np.add.at(total, mesh.edges.of_cells, across)
+    return (count != 2) | (norms(total) < 2 * np.cos(np.radians(CREASE_DEGREES) / 2))
+
+
+@dataclass(frozen=True, eq=False)
+class ChainedMeshes:
+    """Two meshes with the same vertices and edges where they meet."""
+
+    base: Mesh
+    parent: Ints  #: (m,): the triangle of the base that each is a part of.
+    other: Mesh
+    other_parent: Ints  #: (n,): the triangle of the other mesh that each is a part of.
+    number: Ints  #: (v,): the vertex of the base that each vertex of the other mesh is, -1 for none.
+    chain: Ints  #: (k, 2): the common edges, by vertices of the other mesh.
+
+
+def match_chains(base: Mesh, base_chain: Ints, other: Mesh, chain: Ints) -> ChainedMeshes | Floats:
+    """Return two meshes with common edges: all those of the ``chain`` (k, 2) of the ``other``, as the base has them.
+
+    ``base_chain`` (n, 2) are edges of the base nearby. If the chains differ, a point (3,) where they do is returned.
+    """
+    parent, other_parent = np.arange(len(base.cells)), np.arange(len(other.cells))
+    number = np.full(len(other.vertices), -1)
+    if not len(base_chain):
+        return other.vertices[chain[0, 0]]
+    w = np.unique(chain)
+    edge, share = _nearest_edges(other.vertices[w], base, base_chain)
+    near = np.flatnonzero((edge >= 0) & (np.minimum(share, 1 - share) < SAME_VERTEX_SHARE))
+    v = base_chain[edge[near], (share[near] > 0.5).astype(int)]
+    rows = _first_of_each(v, np.minimum(share, 1 - share)[near])
+    number[w[near[rows]]] = v[rows]
+    while len(free := w[number[w] < 0]):
+        edge, share = _nearest_edges(other.vertices[free], base, base_chain)
+        if (edge < 0).any():
+            return other.vertices[free[np.argmax(edge < 0)]]
+        rows = _first_of_each(edge, np.abs(share - 0.5))
+        number[free[rows]] = len(base.vertices) + np.arange(len(rows))
+        share = np.clip(share[rows], SAME_VERTEX_SHARE / 2, 1 - SAME_VERTEX_SHARE / 2)
+        base, base_chain, parts = _split_chain(base, base_chain, edge[rows], share)
+        parent = parent[parts]
+    while True:
+        missing = np.flatnonzero(edge_numbers(base, number[chain]) < 0)
+        edge, v = _vertices_between(base, base_chain, number[chain[missing]], number)
+        if not len(edge):
+            break
+        ends = base.vertices[number[chain[missing[edge]]]]
+        before, after = norms(base.vertices[v, None] - ends).T
+        share = np.clip(before / (before + after), SAME_VERTEX_SHARE / 2, 1 - SAME_VERTEX_SHARE / 2)
+        rows = _first_of_each(edge, np.abs(share - 0.5))
+        other, chain, parts = _split_chain(other, chain, missing[edge[rows]], share[rows])
+        other_parent = other_parent[parts]
+        number = np.concatenate([number, v[rows]])
+    if len(missing):
+        return other.vertices[chain[missing[0], 0]]
+    return ChainedMeshes(base, parent, _with_chain_of(other, chain, number, base), other_parent, number, chain)
+
+
+def _vertices_between(base: Mesh, base_chain: Ints, ends: Ints, number: Ints) -> tuple[Ints, Ints]:
+    """Return rows (k,) of ``ends`` (n, 2) and the vertices (k,) of a chain that lead from one end to the other.
+
+    These vertices are in no ``number`` (v,), those of ``ends`` are.
+    """
+    is_taken = np.zeros(len(base.vertices), dtype=bool)
+    is_taken[number[number >= 0]] = True
+    taken = is_taken[base_chain]
+    _, label = connected_components(len(base.vertices), base_chain[~taken.any(axis=1)])
+    link = base_chain[taken.sum(axis=1) == 1]
+    is_first = is_taken[link[:, 0]]
+    at, free = np.where(is_first, link[:, 0], link[:, 1]), np.where(is_first, link[:, 1], link[:, 0])
+    order = np.lexsort((at, label[free]))
+    at, part = at[order], label[free][order]
+    twice = np.flatnonzero(part[1:] == part[:-1])
+    twice = twice[np.bincount(part, minlength=len(base.vertices))[part[twice]] == 2]
+    pairs = np.sort(np.stack([at[twice], at[twice + 1]], axis=1), axis=1)
+    codes, first = np.unique(pairs[:, 0] * len(base.vertices) + pairs[:, 1], return_index=True)
+    wanted = np.sort(ends, axis=1)
+    found = find_codes(codes, wanted[:, 0] * len(base.vertices) + wanted[:, 1])
+    rows = np.flatnonzero(found >= 0)
+    of_part = np.full(len(base.vertices), -1)
+    of_part[part[twice[first[found[rows]]]]] = rows
+    v = np.setdiff1d(np.unique(base_chain), number)
+    v = v[of_part[label[v]] >= 0]
+    return of_part[label[v]], v
+
+
+def _with_chain_of(other: Mesh, chain: Ints, number: Ints, base: Mesh) -> Mesh:
+    """Return the ``other`` mesh with the vertices and midpoints of its ``chain`` (k, 2) at those of the ``base``."""
+    vertices, at = other.vertices.copy(), np.flatnonzero(number >= 0)
+    vertices[at] = base.vertices[number[at]]
+    shift = (vertices - other.vertices)[other.edges.ends].sum(axis=1) / 2
+    midpoints = edge_midpoints(other) + shift
+    midpoints[edge_numbers(other, chain)] = edge_midpoints(base)[edge_numbers(base, number[chain])]
+    return with_edge_midpoints(other.with_same_cells(vertices=vertices), midpoints)
+
+
+def _nearest_edges(points: Floats, mesh: Mesh, chain: Ints) -> tuple[Ints, Floats]:
+    """Return the row (n,) of the edge of a ``chain`` (k, 2) nearest to each point, and the share (n,); -1 if far."""
+    a, b = mesh.vertices[chain].transpose(1, 0, 2)
+    edge, share = np.full(len(points), -1), np.zeros(len(points))
+    if not len(points):
+        return edge, share
+    reach = SAME_CHAIN_SHARE * float(norms(b - a).max())
+    row, chord, distance, at = near_chords(points, a, b, reach)
+    order = np.lexsort((distance, row))
+    order = order[distance[order] <= reach]
+    best = order[np.unique(row[order], return_index=True)[1]]
+    edge[row[best]], share[row[best]] = chord[best], at[best]
+    return edge, share
+
+
+def _first_of_each(edge: Ints, rank: Floats) -> Ints:
+    """Return for each different ``edge`` (n,) the row with the least ``rank`` (n,)."""
+    order = np.lexsort((rank, edge))
+    return order[np.unique(edge[order], return_index=True)[1]]
+
+
+def _split_chain(mesh: Mesh, chain: Ints, rows: Ints, shares: Floats) -> tuple[Mesh, Ints, Ints]:
+    """Return the mesh with edges ``rows`` (k,) of a ``chain`` split, the chain, and the parents (m,) of triangles."""
+    new = len(mesh.vertices) + np.arange(len(rows))
+    split, parent = split_edges(mesh, chain[rows], shares)
+    halves = [np.stack([chain[rows, 0], new], axis=1), np.stack([new, chain[rows, 1]], axis=1)]
+    return split, np.concatenate([np.delete(chain, rows, axis=0), *halves]), parent
+
+
+def moved_onto(base: Mesh, chain: Ints, other: QuadraticSurface) -> Mesh:
+    """Return the ``base`` with the midpoints of a ``chain`` (k, 2) moved along it onto the ``other`` surface."""
+    surface, edges = QuadraticSurface(base), edge_numbers(base, chain)
+    midpoints = edge_midpoints(base)
+    points = midpoints[edges]
+    for _ in range(4):
+        cell, shares = surface.feet(points)
+        normals, (foot, at) = surface.normals(cell, shares), other.feet(points)
+        across = other.normals(foot, at)
+        height = dots(points - other.frames(foot, at)[0], across)
+        along = across - dots(across, normals)[:, None] * normals
+        slope = dots(along, along)
+        step = np.where(slope > 1e-4, height / np.maximum(slope, 1e-4), 0.0)
+        points = surface.nearest(points - step[:, None] * along)
+    near = norms(points - midpoints[edges]) <= 0.25 * base.edge_lengths[edges]
+    midpoints[edges[near]] = points[near]
+    return with_edge_midpoints(base, midpoints)
+
+
+def turned_cells(mesh: Mesh, chain: Ints, least: float) -> Ints:
+    """Return the triangles (k,) with an edge of a ``chain`` (n, 2) at a corner of which the surface turns over.
+
+    There the area element is less than ``least`` times that of the flat triangle.
+    """
+    on_chain = np.zeros(len(mesh.edges.ends), dtype=bool)
+    on_chain[edge_numbers(mesh, chain)] = True
+    cells = np.flatnonzero(on_chain[mesh.edges.of_cells].any(axis=1))
+    areas, surface = _areas(mesh.vertices[mesh.cells[cells]]), QuadraticSurface(mesh)
+    share = np.full(len(cells), np.inf)
+    for corner in np.eye(3):
+        _, first, second = surface.frames(cells, np.tile(corner, (len(cells), 1)))
+        share = np.minimum(share, dots(np.cross(first, second), areas) / np.maximum(dots(areas, areas), 1e-300))
+    return cells[share < least]
+
+
+def piercing_points(mesh: Mesh, side: Side) -> Floats:
+    """Return the points (k, 3) where creases of a mesh, not its rims, meet another surface, given by its ``side``."""
+    count = np.bincount(mesh.edges.of_cells.ravel(), minlength=len(mesh.edges.ends))
+    creases = np.flatnonzero(creased_edges(mesh) & (count > 1))
+    if not len(creases):
+        return np.zeros((0, 3))
+    sides = np.full(len(mesh.vertices), np.inf)
+    ends = np.unique(mesh.edges.ends[creases])
+    sides[ends] = side(mesh.vertices[ends])[0]
+    crossing, share = _crossings(mesh, sides, side, creases, 1e-12, 1e-6)
+    return arc_points(mesh, crossing, share)
