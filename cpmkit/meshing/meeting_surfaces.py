@@ -11,11 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.meshing.contouring.curve_graph import near_chords
-from cpmkit.meshing.splitting import (
+from cpmkit.meshing.common_edges import first_of_each
+from cpmkit.meshing.quadratic_surface import (
     QuadraticSurface,
     arc_points,
     edge_midpoints,
@@ -24,7 +23,6 @@ from cpmkit.meshing.splitting import (
     split_edges,
     with_edge_midpoints,
 )
-from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
 #: A vertex nearer to a crossing of an edge than this share of the edge is moved there; chains are matched to it.
@@ -41,10 +39,6 @@ NEAR_EDGE_SHARE = 0.2
 LEAST_MOVED_SHARE = 0.1
 #: Rounds of the search for a crossing of an edge: every third one halves the interval.
 ROUNDS = 60
-#: Vertices of two chains are one if they are nearer than this share of an edge.
-SAME_VERTEX_SHARE = 0.3
-#: A point of one chain belongs to the other if it is nearer than this share of the longest edge of both.
-SAME_CHAIN_SHARE = 0.3
 
 #: Returns the signed distance (n,) of points (n, 3) from a surface, and how far (n,) they are beyond its rim.
 Side = Callable[[Floats], tuple[Floats, Floats]]
@@ -194,7 +188,7 @@ def with_points(mesh: Mesh, points: Floats) -> tuple[Mesh, Ints]:
     for _ in range(len(points)):
         creased = creased_edges(mesh)
         cell, shares = QuadraticSurface(mesh).feet(points)
-        rows = _first_of_each(cell, shares.max(axis=1))
+        rows = first_of_each(cell, shares.max(axis=1))
         later = np.setdiff1d(np.arange(len(points)), rows)
         cell, shares, at = cell[rows], shares[rows], points[rows]
         is_inner = shares.min(axis=1) >= NEAR_EDGE_SHARE
@@ -238,127 +232,7 @@ def creased_edges(mesh: Mesh) -> Bools:
         across[:, corner] = unit(np.cross(first, second)) * mesh.winding[:, None]
     total = np.zeros((len(count), 3))
     np.add.at(total, mesh.edges.of_cells, across)
-    return (count != 2) | (norms(total) < 2 * np.cos(np.radians(CREASE_DEGREES) / 2))
-
-
-@dataclass(frozen=True, eq=False)
-class ChainedMeshes:
-    """Two meshes with the same vertices and edges where they meet."""
-
-    base: Mesh
-    parent: Ints  #: (m,): the triangle of the base that each is a part of.
-    other: Mesh
-    other_parent: Ints  #: (n,): the triangle of the other mesh that each is a part of.
-    number: Ints  #: (v,): the vertex of the base that each vertex of the other mesh is, -1 for none.
-    chain: Ints  #: (k, 2): the common edges, by vertices of the other mesh.
-
-
-def match_chains(base: Mesh, base_chain: Ints, other: Mesh, chain: Ints) -> ChainedMeshes | Floats:
-    """Return two meshes with common edges: all those of the ``chain`` (k, 2) of the ``other``, as the base has them.
-
-    ``base_chain`` (n, 2) are edges of the base nearby. If the chains differ, a point (3,) where they do is returned.
-    """
-    parent, other_parent = np.arange(len(base.cells)), np.arange(len(other.cells))
-    number = np.full(len(other.vertices), -1)
-    if not len(base_chain):
-        return other.vertices[chain[0, 0]]
-    w = np.unique(chain)
-    edge, share = _nearest_edges(other.vertices[w], base, base_chain)
-    near = np.flatnonzero((edge >= 0) & (np.minimum(share, 1 - share) < SAME_VERTEX_SHARE))
-    v = base_chain[edge[near], (share[near] > 0.5).astype(int)]
-    rows = _first_of_each(v, np.minimum(share, 1 - share)[near])
-    number[w[near[rows]]] = v[rows]
-    while len(free := w[number[w] < 0]):
-        edge, share = _nearest_edges(other.vertices[free], base, base_chain)
-        if (edge < 0).any():
-            return other.vertices[free[np.argmax(edge < 0)]]
-        rows = _first_of_each(edge, np.abs(share - 0.5))
-        number[free[rows]] = len(base.vertices) + np.arange(len(rows))
-        share = np.clip(share[rows], SAME_VERTEX_SHARE / 2, 1 - SAME_VERTEX_SHARE / 2)
-        base, base_chain, parts = _split_chain(base, base_chain, edge[rows], share)
-        parent = parent[parts]
-    while True:
-        missing = np.flatnonzero(edge_numbers(base, number[chain]) < 0)
-        edge, v = _vertices_between(base, base_chain, number[chain[missing]], number)
-        if not len(edge):
-            break
-        ends = base.vertices[number[chain[missing[edge]]]]
-        before, after = norms(base.vertices[v, None] - ends).T
-        share = np.clip(before / (before + after), SAME_VERTEX_SHARE / 2, 1 - SAME_VERTEX_SHARE / 2)
-        rows = _first_of_each(edge, np.abs(share - 0.5))
-        other, chain, parts = _split_chain(other, chain, missing[edge[rows]], share[rows])
-        other_parent = other_parent[parts]
-        number = np.concatenate([number, v[rows]])
-    if len(missing):
-        return other.vertices[chain[missing[0], 0]]
-    return ChainedMeshes(base, parent, _with_chain_of(other, chain, number, base), other_parent, number, chain)
-
-
-def _vertices_between(base: Mesh, base_chain: Ints, ends: Ints, number: Ints) -> tuple[Ints, Ints]:
-    """Return rows (k,) of ``ends`` (n, 2) and the vertices (k,) of a chain that lead from one end to the other.
-
-    These vertices are in no ``number`` (v,), those of ``ends`` are.
-    """
-    is_taken = np.zeros(len(base.vertices), dtype=bool)
-    is_taken[number[number >= 0]] = True
-    taken = is_taken[base_chain]
-    _, label = connected_components(len(base.vertices), base_chain[~taken.any(axis=1)])
-    link = base_chain[taken.sum(axis=1) == 1]
-    is_first = is_taken[link[:, 0]]
-    at, free = np.where(is_first, link[:, 0], link[:, 1]), np.where(is_first, link[:, 1], link[:, 0])
-    order = np.lexsort((at, label[free]))
-    at, part = at[order], label[free][order]
-    twice = np.flatnonzero(part[1:] == part[:-1])
-    twice = twice[np.bincount(part, minlength=len(base.vertices))[part[twice]] == 2]
-    pairs = np.sort(np.stack([at[twice], at[twice + 1]], axis=1), axis=1)
-    codes, first = np.unique(pairs[:, 0] * len(base.vertices) + pairs[:, 1], return_index=True)
-    wanted = np.sort(ends, axis=1)
-    found = find_codes(codes, wanted[:, 0] * len(base.vertices) + wanted[:, 1])
-    rows = np.flatnonzero(found >= 0)
-    of_part = np.full(len(base.vertices), -1)
-    of_part[part[twice[first[found[rows]]]]] = rows
-    v = np.setdiff1d(np.unique(base_chain), number)
-    v = v[of_part[label[v]] >= 0]
-    return of_part[label[v]], v
-
-
-def _with_chain_of(other: Mesh, chain: Ints, number: Ints, base: Mesh) -> Mesh:
-    """Return the ``other`` mesh with the vertices and midpoints of its ``chain`` (k, 2) at those of the ``base``."""
-    vertices, at = other.vertices.copy(), np.flatnonzero(number >= 0)
-    vertices[at] = base.vertices[number[at]]
-    shift = (vertices - other.vertices)[other.edges.ends].sum(axis=1) / 2
-    midpoints = edge_midpoints(other) + shift
-    midpoints[edge_numbers(other, chain)] = edge_midpoints(base)[edge_numbers(base, number[chain])]
-    return with_edge_midpoints(other.with_same_cells(vertices=vertices), midpoints)
-
-
-def _nearest_edges(points: Floats, mesh: Mesh, chain: Ints) -> tuple[Ints, Floats]:
-    """Return the row (n,) of the edge of a ``chain`` (k, 2) nearest to each point, and the share (n,); -1 if far."""
-    a, b = mesh.vertices[chain].transpose(1, 0, 2)
-    edge, share = np.full(len(points), -1), np.zeros(len(points))
-    if not len(points):
-        return edge, share
-    reach = SAME_CHAIN_SHARE * float(norms(b - a).max())
-    row, chord, distance, at = near_chords(points, a, b, reach)
-    order = np.lexsort((distance, row))
-    order = order[distance[order] <= reach]
-    best = order[np.unique(row[order], return_index=True)[1]]
-    edge[row[best]], share[row[best]] = chord[best], at[best]
-    return edge, share
-
-
-def _first_of_each(edge: Ints, rank: Floats) -> Ints:
-    """Return for each different ``edge`` (n,) the row with the least ``rank`` (n,)."""
-    order = np.lexsort((rank, edge))
-    return order[np.unique(edge[order], return_index=True)[1]]
-
-
-def _split_chain(mesh: Mesh, chain: Ints, rows: Ints, shares: Floats) -> tuple[Mesh, Ints, Ints]:
-    """Return the mesh with edges ``rows`` (k,) of a ``chain`` split, the chain, and the parents (m,) of triangles."""
-    new = len(mesh.vertices) + np.arange(len(rows))
-    split, parent = split_edges(mesh, chain[rows], shares)
-    halves = [np.stack([chain[rows, 0], new], axis=1), np.stack([new, chain[rows, 1]], axis=1)]
-    return split, np.concatenate([np.delete(chain, rows, axis=0), *halves]), parent
+    return np.asarray((count != 2) | (norms(total) < 2 * np.cos(np.radians(CREASE_DEGREES) / 2)))
 
 
 def moved_onto(base: Mesh, chain: Ints, other: QuadraticSurface) -> Mesh:

@@ -1,7 +1,6 @@
-"""Boundaries inside a solid, curves in the plane and surfaces in space, as cells on both of their sides.
+"""Boundaries inside a solid as cells on both of their sides: curves in a plane one, and what surfaces have as well.
 
-In the plane boundaries may end on the skin and cross each other: curves are split where they meet, and what lies
-outside is left out. In space they must lie inside, apart from each other and from the skin.
+Curves may end on the skin and cross each other: they are split where they meet, and what lies outside is left out.
 """
 
 from __future__ import annotations
@@ -23,12 +22,11 @@ from cpmkit.forms.galerkin.solids.skin import (
     middles_of,
     with_turned,
 )
-from cpmkit.forms.galerkin.solids.tip_extensions import EXTENDED_SPACINGS, extended_curve_ends, with_extended_rims
+from cpmkit.forms.galerkin.solids.tip_extensions import EXTENDED_SPACINGS, extended_curve_ends
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.adjacency import WELDED_SIZE_SHARE, box_size, facets_of_two_cells, repair
-from cpmkit.mesh.crossing_triangles import edges_through_triangles
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.sectors import sector_facets
 from cpmkit.meshing.meeting_curves import Curve, FlatCurve, meetings_of_curves, split_at, split_at_own_crossings
@@ -40,6 +38,8 @@ from cpmkit.types import Bools, Floats, Ints
 #: A boundary that ends at less than this distance from the skin or another one, in spacings, without meeting it, is
 #: refused: it is probably meant to meet it.
 NEAR_MISS_SPACINGS = 0.05
+#: The message about a boundary outside of the solid.
+OUTSIDE = "boundary {!r} lies outside the solid and would act on nothing; look where it lies."
 #: A boundary is continued past a tip up to this share of the distance to the next tip.
 TIP_SHARE = 0.45
 
@@ -180,7 +180,7 @@ def _first_meeting(start: Floats, end: Floats, curve: Curve, length: float) -> t
     return first, first[None]
 
 
-def with_boundaries_inside(
+def with_curves_inside(
     skin: Skin,
     inside: Sequence[FlatPart],
     extensions: Sequence[Mesh],
@@ -188,24 +188,19 @@ def with_boundaries_inside(
     solid: LocalSource,
     lattice: Lattice,
 ) -> Skin:
-    """Return the ``skin`` with two cells at each place of the boundaries ``inside`` and of their ``extensions``.
+    """Return the ``skin`` of a plane solid with two cells at each place of curves ``inside`` and of ``extensions``.
 
-    Raises SceneError if a boundary leaves no trace inside the solid, or, in space, leaves it or crosses another one.
+    Raises SceneError if a curve leaves no trace inside the solid.
     """
     parts = []
     for number, (part, boundary) in enumerate(zip(inside, oriented, strict=True)):
-        mesh = _cells_inside(part.curved(lattice), solid, boundary.boundary.name, lattice)
-        beyond = np.zeros(len(mesh.cells), dtype=bool)
-        if solid.dim == 3:
-            mesh, beyond = _with_rims_extended(mesh, inside, number, solid, lattice)
+        mesh = _cells_inside(part.curved(lattice), solid, boundary.boundary.name)
         plus = left_of_normals(mesh, boundary, lattice)
-        parts.append(_two_sided(part, mesh, number, plus, beyond))
-        if solid.dim == 2 and len(extensions[number].cells):
+        parts.append(_two_sided(part, mesh, number, plus, np.zeros(len(plus), dtype=bool)))
+        if len(extensions[number].cells):
             flat = FlatPart(part.source, extensions[number], "flat", (), None).curved(lattice)
             plus = left_of_normals(flat, boundary, lattice)
             parts.append(_two_sided(part, flat, number, plus, np.ones(len(plus), dtype=bool)))
-    if solid.dim == 3:
-        _check_apart(parts, skin, [boundary.boundary.name for boundary in oriented], lattice)
     return joined([skin, *parts])
 
 
@@ -225,42 +220,14 @@ def _two_sided(part: FlatPart, mesh: Mesh, number: int, plus: Bools, beyond: Boo
     return Skin(both, part.geometry, part.warnings, owner, left, np.tile(beyond, 2), twin)
 
 
-def _with_rims_extended(
-    mesh: Mesh, inside: Sequence[FlatPart], number: int, solid: LocalSource, lattice: Lattice
-) -> tuple[Mesh, Bools]:
-    """Return the triangles of boundary ``number`` with its rims extended, and which (m,) are new.
-
-    The strip is narrower, or left out, where it would leave the ``solid``, or come near a boundary: in a hole.
-    """
-    for spacings in EXTENDED_SPACINGS * np.array([1.0, 2 / 3, 1 / 3]):
-        length = float(spacings * lattice.spacing)
-        wide, beyond = with_extended_rims(mesh, length)
-        ends = wide.vertices[len(mesh.vertices) :]
-        gaps = [part.source.closest_point(ends).distance.min(initial=np.inf) for part in inside]
-        clear = all(gap > (TIP_SHARE if own == number else 1.0) * length for own, gap in enumerate(gaps))
-        if clear and (solid.closest_point(ends).edge < 0).all():
-            return wide, beyond
-    return mesh, np.zeros(len(mesh.cells), dtype=bool)
-
-
-def _cells_inside(mesh: Mesh, solid: LocalSource, name: str, lattice: Lattice) -> Mesh:
+def _cells_inside(mesh: Mesh, solid: LocalSource, name: str) -> Mesh:
     """Return the cells of the boundary called ``name`` in the ``solid``.
 
-    Raises SceneError if it has none there, or reaches the skin in space.
+    Raises SceneError if it has none there.
     """
     within = solid.closest_point(middles_of(mesh)).edge < 0
     if not within.any():
-        raise SceneError(f"boundary {name!r} lies outside the solid and would act on nothing; look where it lies.")
-    if mesh.dim == 3:
-        feet = solid.closest_point(mesh.vertices)
-        outside = np.flatnonzero(feet.edge >= 0)
-        if len(outside):
-            at = place(lattice.to_scene(mesh.vertices[outside[0]]))
-            raise SceneError(
-                f"boundary {name!r} reaches the boundary of the solid near {at}, which the form 'galerkin' does not "
-                "yet take in space; end it inside, or use form='collocation'."
-            )
-        return mesh
+        raise SceneError(OUTSIDE.format(name))
     used, cells = np.unique(mesh.cells[within], return_inverse=True)
     return Mesh.of(
         mesh.vertices[used],
@@ -282,27 +249,6 @@ def left_of_normals(mesh: Mesh, boundary: OrientedBoundary, lattice: Lattice) ->
     count, part = connected_components(len(mesh.cells), pairs)
     sums = np.bincount(part, votes * winding, count)
     return np.where(winding == 0, votes, sums[part] * winding) > 0
-
-
-def _check_apart(parts: Sequence[Skin], skin: Skin, names: Sequence[str], lattice: Lattice) -> None:
-    """Raise SceneError if a surface inside crosses itself, another one, or the ``skin`` of the solid."""
-    whole = joined([*parts, skin]).mesh
-    first = np.concatenate([(part.twin < 0) | (np.arange(len(part.twin)) < part.twin) for part in (*parts, skin)])
-    owner = np.concatenate([part.owner for part in (*parts, skin)])
-    mesh = Mesh.of(whole.vertices, whole.cells[first])
-    edge, cell = edges_through_triangles(mesh)
-    if not len(cell):
-        return
-    of_edge = np.full(len(mesh.edges.ends), -1)
-    of_edge[mesh.edges.of_cells] = owner[first][:, None]
-    at = place(lattice.to_scene(mesh.vertices[mesh.cells[cell[0]]].mean(axis=0)))
-    pair = sorted({int(of_edge[edge[0]]), int(owner[first][cell[0]])}, reverse=True)
-    labels = ["the boundary of the solid" if number < 0 else f"boundary {names[number]!r}" for number in pair]
-    other = labels[1] if len(labels) > 1 else "itself"
-    raise SceneError(
-        f"{labels[0]} crosses {other} near {at}, which the form 'galerkin' does not yet take in space; end one of them "
-        "there, or use form='collocation'."
-    )
 
 
 def welded(mesh: Mesh, points: Floats) -> Mesh:

@@ -21,6 +21,7 @@ from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.part_borders import PartAt, split_at_parts
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.curved_from_normals import curve_cells
+from cpmkit.meshing.quadratic_surface import quartered
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
@@ -112,22 +113,6 @@ class Skin:
     def count(self) -> int:
         """Number of cells on the boundary of the solid, which come first."""
         return int((self.owner < 0).sum())
-
-
-def quartered(mesh: Mesh) -> Mesh:
-    """Return the four flat triangles between the corners and midpoints of each quadratic one, those of a corner first.
-
-    Triangle i of the first, second, third and last m of them is a part of triangle i of the m in ``mesh``.
-    """
-    assert mesh.midpoints is not None
-    count, edges = len(mesh.vertices), mesh.edges
-    middles = np.empty((len(edges.ends), 3))
-    middles[edges.of_cells] = mesh.midpoints
-    a, b, c = mesh.cells.T
-    p, q, r = (count + edges.of_cells).T
-    quarters = [(a, r, q), (b, p, r), (c, q, p), (p, q, r)]
-    cells = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
-    return Mesh.of(np.concatenate([mesh.vertices, middles]), cells)
 
 
 def has_reentrant_edges(mesh: Mesh) -> bool:

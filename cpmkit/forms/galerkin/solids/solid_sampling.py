@@ -24,7 +24,7 @@ from cpmkit.forms.galerkin.solids.boundaries_inside import (
     left_of_normals,
     split_where_curves_meet,
     welded,
-    with_boundaries_inside,
+    with_curves_inside,
 )
 from cpmkit.forms.galerkin.solids.skin import Skin, flat_parts, has_reentrant_edges, skin_of
 from cpmkit.forms.galerkin.solids.skin_samples import skin_samples
@@ -151,7 +151,7 @@ def _whole_skin(scene: Scene, solid: LocalSource, oriented: Sequence[OrientedBou
         )
     curves = split_where_curves_meet(parts, inside, names, solid, lattice)
     skin = skin_of(solid, curves.skin, lattice, part_at)
-    whole = with_boundaries_inside(skin, curves.inside, curves.extensions, oriented, solid, lattice)
+    whole = with_curves_inside(skin, curves.inside, curves.extensions, oriented, solid, lattice)
     return replace(whole, mesh=welded(whole.mesh, curves.points))
 
 

@@ -13,22 +13,24 @@ from itertools import product
 import numpy as np
 
 from cpmkit.errors import ResolutionError, SceneError, place
-from cpmkit.forms.galerkin.solids.skin import FlatPart, Skin, quartered, straight_midpoints, with_turned
+from cpmkit.forms.galerkin.solids.boundaries_inside import OUTSIDE
+from cpmkit.forms.galerkin.solids.skin import FlatPart, Skin, straight_midpoints, with_turned
 from cpmkit.forms.galerkin.solids.tip_extensions import EXTENDED_SPACINGS, with_extended_rims
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.crossing_triangles import edges_through_triangles
+from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.sectors import sector_facets
+from cpmkit.meshing.common_edges import match_chains
 from cpmkit.meshing.meeting_surfaces import (
-    match_chains,
     moved_onto,
     piercing_points,
     split_at_surface,
     turned_cells,
     with_points,
 )
-from cpmkit.meshing.splitting import QuadraticSurface, edge_numbers, split_edges
+from cpmkit.meshing.quadratic_surface import QuadraticSurface, edge_numbers, quartered, split_edges
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
@@ -108,6 +110,7 @@ def with_surfaces_inside(
     whole = OwnedMesh(_quadratic(skin.mesh), np.full(count, -1), none)
     outer, earlier = QuadraticSurface(whole.mesh), list[QuadraticSurface]()
     for number, part in enumerate(inside):
+        _check_simple(part, names[number], lattice)
         for fineness, extension in product(FINENESSES, EXTENSION_SHARES):
             near = _near_solid(part, solid, names[number], fineness, lattice)
             own = _continued(near, part, number, extension * EXTENDED_SPACINGS * lattice.spacing, lattice)
@@ -131,6 +134,17 @@ def with_surfaces_inside(
     return _two_sided(skin, whole, inside, left_of)
 
 
+def _check_simple(part: FlatPart, name: str, lattice: Lattice) -> None:
+    """Raise SceneError, with a place, if a surface crosses itself."""
+    cell = edges_through_triangles(part.mesh)[1]
+    if len(cell):
+        at = place(lattice.to_scene(part.mesh.vertices[part.mesh.cells[cell[0]]].mean(axis=0)))
+        raise SceneError(
+            f"boundary {name!r} crosses itself near {at}; give its parts as boundaries of their own, which may cross, "
+            "or use form='collocation'."
+        )
+
+
 def _quadratic(mesh: Mesh) -> Mesh:
     """Return the triangles with midpoints, of straight edges if they have none."""
     return mesh if mesh.midpoints is not None else mesh.with_same_cells(midpoints=straight_midpoints(mesh))
@@ -143,7 +157,7 @@ def _near_solid(part: FlatPart, solid: LocalSource, name: str, fineness: float, 
     far = (feet.edge >= 0) & (feet.distance > 2 * mesh.edge_lengths.max())
     near = ~far[mesh.cells].all(axis=1)
     if not near.any():
-        raise SceneError(f"boundary {name!r} lies outside the solid and would act on nothing; look where it lies.")
+        raise SceneError(OUTSIDE.format(name))
     used, cells = np.unique(mesh.cells[near], return_inverse=True)
     assert mesh.midpoints is not None
     return Mesh.of(mesh.vertices[used], cells.reshape(-1, 3), mesh.midpoints[near])
@@ -188,7 +202,7 @@ def _trimmed(own: OwnedMesh, outer: QuadraticSurface, solid: LocalSource, name: 
     split = split_at_surface(own.mesh, side, own.near_rims(lattice), exact=1e-3, thin=THIN_SHARE)
     kept = own.take(split.parent, split.mesh).take(split.sides < 0)
     if kept.beyond.all():
-        raise SceneError(f"boundary {name!r} lies outside the solid and would act on nothing; look where it lies.")
+        raise SceneError(OUTSIDE.format(name))
     return _with_cut(kept, _rim_on(kept.mesh, split.is_on))
 
 
@@ -196,7 +210,7 @@ def _rim_on(mesh: Mesh, is_on: Bools) -> Ints:
     """Return the edges (k, 2) of the rim of a mesh with both vertices ``is_on`` (v,)."""
     edges = mesh.edges
     count = np.bincount(edges.of_cells.ravel(), minlength=len(edges.ends))
-    return edges.ends[(count == 1) & is_on[edges.ends].all(axis=1)]
+    return np.asarray(edges.ends[(count == 1) & is_on[edges.ends].all(axis=1)])
 
 
 def _with_cut(own: OwnedMesh, ends: Ints) -> OwnedMesh:
@@ -250,10 +264,9 @@ def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice
 
 def _unclosed(whole: OwnedMesh) -> Floats | None:
     """Return a place (3,) where triangles and both sides of surfaces inside enclose no sectors; None if they all do."""
-    inner = np.flatnonzero(whole.owner >= 0)
-    turned = with_turned(whole.mesh, inner)
+    skin, inside = (_part_of(whole.mesh, whole.owner < 0), _with_both_sides(_part_of(whole.mesh, whole.owner >= 0)))
     cells, midpoints = (
-        np.concatenate([getattr(whole.mesh, name), getattr(turned, name)[inner]]) for name in ("cells", "midpoints")
+        np.concatenate([getattr(each, name) for each in (skin, inside)]) for name in ("cells", "midpoints")
     )
     mesh = quartered(Mesh.of(whole.mesh.vertices, cells, midpoints))
     is_open = sector_facets(mesh)[1].any(axis=1)
@@ -290,29 +303,31 @@ def _without_loose_ends(whole: OwnedMesh) -> OwnedMesh:
 
 def _two_sided(skin: Skin, whole: OwnedMesh, inside: Sequence[FlatPart], left_of: Callable[[int, Mesh], Bools]) -> Skin:
     """Return the cells of the ``skin``, and those of each surface inside, first with its normals, then turned."""
-    parts = [_part_of(whole.mesh, whole.owner == number) for number in range(-1, len(inside))]
-    cells, midpoints, left, twin = (
-        [parts[0].cells],
-        [parts[0].midpoints],
-        [np.zeros(len(parts[0].cells), dtype=bool)],
-        [],
-    )
-    twin.append(np.full(len(parts[0].cells), -1))
-    start = len(parts[0].cells)
-    owner, beyond = [twin[0]], [left[0]]
-    for number, part in enumerate(parts[1:]):
-        count = len(part.cells)
-        plus, turned = left_of(number, part), with_turned(part, np.arange(count))
-        cells += [part.cells, turned.cells]
-        midpoints += [part.midpoints, turned.midpoints]
-        left += [~plus, plus]
-        twin.append(start + np.roll(np.arange(2 * count), count))
+    meshes = [_part_of(whole.mesh, whole.owner == number) for number in range(-1, len(inside))]
+    owner = [np.full(len(meshes[0].cells), -1)]
+    left, beyond, twin = [owner[0] >= 0], [owner[0] >= 0], [owner[0]]
+    for number, mesh in enumerate(meshes[1:]):
+        count, start, plus = len(mesh.cells), sum(map(len, owner)), left_of(number, mesh)
+        meshes[number + 1] = _with_both_sides(mesh)
         owner.append(np.full(2 * count, number))
+        left.append(np.concatenate([~plus, plus]))
         beyond.append(np.tile(whole.beyond[whole.owner == number], 2))
-        start += 2 * count
-    mesh = Mesh.of(whole.mesh.vertices, np.concatenate(cells), np.concatenate(midpoints))
-    geometry = next((part.geometry for part in inside if part.geometry != "flat"), "flat")
-    geometry = skin.geometry if skin.geometry != "flat" else geometry
+        twin.append(start + np.roll(np.arange(2 * count), count))
+    geometries: list[CellGeometry] = [skin.geometry, *(part.geometry for part in inside)]
+    geometry: CellGeometry = next((each for each in geometries if each != "flat"), "flat")
     warnings = sum((part.warnings for part in inside), skin.warnings)
-    made = Skin(mesh, geometry, warnings, *(np.concatenate(each) for each in (owner, left, beyond, twin)))
-    return replace(made, mesh=Mesh.of(mesh.vertices, mesh.cells)) if made.is_flat.all() else made
+    attributes = [np.concatenate(each) for each in (owner, left, beyond, twin)]
+    made = Skin(_joined_cells(whole.mesh.vertices, meshes), geometry, warnings, *attributes)
+    return replace(made, mesh=replace(made.mesh, midpoints=None)) if made.is_flat.all() else made
+
+
+def _with_both_sides(mesh: Mesh) -> Mesh:
+    """Return the triangles of a mesh, followed by the same with opposite normals."""
+    turned = with_turned(mesh, np.arange(len(mesh.cells)))
+    return _joined_cells(mesh.vertices, [mesh, turned])
+
+
+def _joined_cells(vertices: Floats, meshes: Sequence[Mesh]) -> Mesh:
+    """Return one mesh of the quadratic triangles of several with the same ``vertices`` (v, 3)."""
+    cells, midpoints = (np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in ("cells", "midpoints"))
+    return Mesh.of(vertices, cells, midpoints)

@@ -66,7 +66,7 @@ class QuadraticSurface:
     def normals(self, cell: Ints, shares: Floats) -> Floats:
         """Return unit normals (n, 3), oriented alike all over the surface."""
         _, first, second = self.frames(cell, shares)
-        return unit(np.cross(first, second)) * self.mesh.winding[cell, None]
+        return np.asarray(unit(np.cross(first, second)) * self.mesh.winding[cell, None])
 
     def side(self, points: Floats, reach: float) -> tuple[Floats, Floats]:
         """Return the heights (n,) of ``points`` (n, 3) above the surface, and their distances (n,) from its normals.
@@ -85,7 +85,7 @@ class QuadraticSurface:
     def is_near(self, points: Floats, reach: float) -> Bools:
         """Return which of ``points`` (n, 3) may be within ``reach`` of the surface."""
         limit = reach + float(self.mesh.edge_lengths.max())
-        return np.isfinite(self._tree.query(points, distance_upper_bound=limit)[0])
+        return np.asarray(np.isfinite(self._tree.query(points, distance_upper_bound=limit)[0]))
 
     @cached_property
     def _tree(self) -> Any:
@@ -99,7 +99,8 @@ def arc_points(mesh: Mesh, edges: Ints, shares: Floats) -> Floats:
     """Return the points (n, 3) at ``shares`` (n,) of quadratic ``edges`` (n,)."""
     t = shares[:, None]
     a, b = mesh.vertices[mesh.edges.ends[edges]].transpose(1, 0, 2)
-    return (1 - t) * (1 - 2 * t) * a + 4 * t * (1 - t) * edge_midpoints(mesh)[edges] + t * (2 * t - 1) * b
+    middle = edge_midpoints(mesh)[edges]
+    return np.asarray((1 - t) * (1 - 2 * t) * a + 4 * t * (1 - t) * middle + t * (2 * t - 1) * b)
 
 
 def edge_midpoints(mesh: Mesh) -> Floats:
@@ -112,6 +113,19 @@ def edge_midpoints(mesh: Mesh) -> Floats:
 def with_edge_midpoints(mesh: Mesh, midpoints: Floats) -> Mesh:
     """Return the triangles with these ``midpoints`` (e, 3) of their edges."""
     return mesh.with_same_cells(midpoints=midpoints[mesh.edges.of_cells])
+
+
+def quartered(mesh: Mesh) -> Mesh:
+    """Return the four flat triangles between the corners and midpoints of each quadratic one, those of a corner first.
+
+    Triangle i of the first, second, third and last m of them is a part of triangle i of the m in ``mesh``.
+    """
+    count, edges = len(mesh.vertices), mesh.edges
+    a, b, c = mesh.cells.T
+    p, q, r = (count + edges.of_cells).T
+    quarters = [(a, r, q), (b, p, r), (c, q, p), (p, q, r)]
+    cells = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
+    return Mesh.of(np.concatenate([mesh.vertices, edge_midpoints(mesh)]), cells)
 
 
 def split_edges(mesh: Mesh, ends: Ints, shares: Floats) -> tuple[Mesh, Ints]:
