@@ -90,8 +90,9 @@ def samples_of(source: ClosestPointSource) -> tuple[Floats, float]:
         points = start[each] + share[:, None] * chord[each]
         return source.closest_point(np.concatenate([points, vertices])).points, step
     axes = np.linspace(box[0], box[1], round(2000 ** (1 / source.dim))).T
-    feet = source.closest_point(np.array([*product(*axes)])).points
-    return feet[_distinct(feet, np.zeros(len(feet)), 0.01 * size)], 0.0
+    feet = source.closest_point(np.array([*product(*axes)]))
+    ends_first = (feet.edge < 0).astype(np.float64)
+    return feet.points[_distinct(feet.points, ends_first, 0.01 * size)], 0.0
 
 
 def crossings(curve: ClosestPointSource, other: ClosestPointSource, of: ClosestPointSource) -> Floats:
@@ -134,11 +135,15 @@ def _without_tangents(curve: ClosestPointSource, other: ClosestPointSource, plac
     return places[[int(np.flatnonzero(label == k)[0]) for k in range(count)]]
 
 
-def loops_near(source: ClosestPointSource, places: Floats) -> list[int]:
-    """Return the numbers of the edge loops of ``source`` on which ``places`` (k, d) lie, to rounding."""
+def edges_near(source: ClosestPointSource, places: Floats) -> dict[int, Floats]:
+    """Return a point (1, d) of each edge loop of ``source`` on which some of ``places`` (k, d) lie, by its number.
+
+    Steps away from the places decide: the closest point to an end may be off all edges, by rounding.
+    """
     steps = _steps(source.dim, touching_distance(source))
-    loops = source.closest_point((places[:, None] + steps).reshape(-1, source.dim)).edge
-    return [int(loop) for loop in np.unique(loops[loops >= 0])]
+    feet = source.closest_point((places[:, None] + steps).reshape(-1, source.dim))
+    loops, rows = np.unique(feet.edge, return_index=True)
+    return {int(loop): feet.points[[row]] for loop, row in zip(loops, rows, strict=True) if loop >= 0}
 
 
 def distinct_places(places: Floats, of: ClosestPointSource) -> Floats:

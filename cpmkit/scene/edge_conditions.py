@@ -15,6 +15,7 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.scene.conditions import Condition, as_condition
 from cpmkit.scene.data import Data, evaluate_data, is_sequence, read_formula, takes_time
+from cpmkit.scene.laws import Law
 from cpmkit.types import Floats, Ints
 
 
@@ -104,7 +105,8 @@ def _as_part(entry: Any, number: int, is_last: bool) -> Part:
 
 #: Conditions of the edge or of one edge loop: a single condition, or several by position.
 LoopConditions = Condition | ByPosition
-#: Conditions of the edge of a manifold: the same on all loops, or by the number of the loop.
+#: Conditions of the edge of a manifold: the same on all loops, or by the number of the loop. For a part of a union, the
+#: number None stands for all other loops.
 EdgeConditions = LoopConditions | Mapping[int, LoopConditions]
 #: Values that a scene accepts for the edge or for one edge loop.
 EdgeInput = LoopConditions | Data | list[Condition | tuple[Condition | Data, Where]]
@@ -125,7 +127,7 @@ def as_edge(value: Any) -> Any:
 
 
 def loops_of_edge(edge: EdgeConditions) -> dict[int | None, ByPosition]:
-    """Return the conditions of each edge loop by its number, or under None those that hold on every loop.
+    """Return the conditions of each edge loop by its number, or under None those that hold on every other loop.
 
     The condition of a whole loop is one part with ``where`` None.
     """
@@ -171,7 +173,7 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
         If a loop has no condition, or a point is in no part.
     """
     pairs: list[tuple[Condition, Ints]] = []
-    for loop in [None] if None in loops_of_edge(edge) else np.unique(loops).tolist():
+    for loop in np.unique(loops).tolist() if isinstance(edge, Mapping) else [None]:
         rows = np.arange(len(points)) if loop is None else np.flatnonzero(loops == loop)
         conditions = _conditions_of_loop(edge, loop)
         number = conditions.part_at(points[rows])
@@ -185,14 +187,14 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
     return [(condition, rows) for condition, rows in pairs if len(rows)]
 
 
-def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
-    """Raise SceneError for the first of several parts of a loop whose condition is not in ``used``.
+def check_parts_used(edge: EdgeConditions, used: Iterable[Law]) -> None:
+    """Raise SceneError for the first of several parts of a loop whose law is not in ``used``, compared by identity.
 
-    ``used`` are the conditions that hold at some sample of the edge, compared by identity.
+    ``used`` are the laws that hold at some sample of the edge.
     """
-    ids = {id(condition) for condition in used}
+    ids = {id(law) for law in used}
     for part, loop in parts_of_edge(edge):
-        if len(loop.parts) > 1 and id(part.condition) not in ids:
+        if len(loop.parts) > 1 and id(part.condition.law) not in ids:
             text = part.where.text if isinstance(part.where, Expression) else "a function of position holds"
             where = "on the rest" if part.where is None else f"where {text}"
             raise SceneError(

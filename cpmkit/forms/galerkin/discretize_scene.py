@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from cpmkit.forms.galerkin.conditions.imposed_conditions import needs_rims
 from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.enrichment.enriched_space import EnrichedSpace
 from cpmkit.forms.galerkin.form import Galerkin, galerkin
@@ -27,6 +28,7 @@ from cpmkit.linear.operators import Bordered
 from cpmkit.linear.solver_options import make_solver
 from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.data import Functional, evaluate_data
+from cpmkit.scene.edge_conditions import check_parts_used
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Bools, Floats, Progress, no_progress
 
@@ -54,11 +56,20 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     Raises SceneError if the form cannot solve the scene, InputError, SceneError or ResolutionError if the lattice's
     origin, a boundary, a condition or the spacing does not fit, and with ``refine="auto"`` the errors of solves too.
     """
+    form = discretize_part(scene, options, progress)
+    forms = form.forms if scene.surface.manifold_dim is None else (form,)
+    if any(needs_rims(part.scene) for part in forms):
+        check_parts_used(scene.edge, [condition.law for part in forms for condition in part.conditions])
+    return form
+
+
+def discretize_part(scene: Scene, options: Options[GalerkinOptions], progress: Progress) -> Any:
+    """Return the discretisation of a scene as :func:`discretize`, where parts of the edge may hold at no point."""
     check(scene, options)
     SolveMemory(scene, options).check_samples_fit()
     progress("samples", 0.0)
     if scene.surface.manifold_dim is None:
-        return discretize_union(scene, options, progress, discretize)
+        return discretize_union(scene, options, progress, discretize_part)
     if scene.surface.manifold_dim == scene.surface.dim:
         return discretize_solid(scene, options, progress)
     inserted = insert_scene(scene, options)

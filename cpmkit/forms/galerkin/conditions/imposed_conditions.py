@@ -16,7 +16,8 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.part_borders import PartAt
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import same_condition
-from cpmkit.scene.edge_conditions import EdgeLoopError, check_parts_used, conditions_along, loops_of_edge
+from cpmkit.scene.edge_conditions import EdgeLoopError, conditions_along, loops_of_edge
+from cpmkit.scene.junction import JunctionSide
 from cpmkit.scene.laws import Mixed, Value, checked_beta
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
@@ -211,7 +212,9 @@ def _rim_conditions(
     if isinstance(scene.edge, Mapping):
         loop_of = rim_loops(samples.take(rows), surface, lattice.spacing)
         loops = np.unique(loop_of).tolist()
-        missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(loops))
+        # None is all others; a junction's loop may be an end at which members of one dimension join
+        given = [loop for loop, one in scene.edge.items() if loop is not None and not isinstance(one, JunctionSide)]
+        missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in given} - set(loops))
         if missing:
             numbers = [loop for loop in loops if loop >= 0]
             unnumbered = "its source gives no edge a number, `edge` is -1 on the rim" if loops else "it is closed"
@@ -220,13 +223,12 @@ def _rim_conditions(
                 f"`edge` gives a condition for loop {{loop}}, and the manifold has no such loop: {named}; leave it "
                 "out, or correct the number.",
                 missing[0],
-                scene.edge,
+                given,
                 numbers,
             )
     elif not len(rows) and not _covers_rims(samples):
         raise ClosedManifoldError("the manifold is closed and has no edge, so `edge` cannot be given; leave it out.")
     conditions = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
-    check_parts_used(scene.edge, [condition for condition, _ in conditions])
     for condition, chosen in conditions:
         yield ImposedCondition(condition.law, "the edge's condition", (rows[chosen],), condition.kind)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.manifold.abilities import edge_limit_of, members_of
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.manifold.meetings import distinct_places, is_near, loops_near, meetings_of, samples_of
+from cpmkit.manifold.meetings import distinct_places, edges_near, is_near, meetings_of
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import member_dimensions
 from cpmkit.scene.boundary import Boundary
@@ -80,7 +81,7 @@ def _cuts(scene: Scene, numbers: Sequence[int]) -> list[Boundary]:
 
 def _branches(curve: ClosestPointSource, places: Floats, surface: ClosestPointSource) -> Ints:
     """Return how many branches of a ``curve`` of the union ``surface`` begin at ``places`` (k, d): 1 at its ends."""
-    at_end = np.array([bool(loops_near(curve, at[None])) for at in places], dtype=bool)
+    at_end = np.array([bool(edges_near(curve, at[None])) for at in places], dtype=bool)
     return np.where(is_near(curve, places, surface), np.where(at_end, 1, 2), 0)
 
 
@@ -90,17 +91,16 @@ def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> Edge
     In a table, loops that lie on other members have zero flux unless the scene names them. Ends of curves that lie in a
     member of higher dimension have zero flux too, or the value that the edge of that member has there.
     """
-    ends = _ends_within(scene, numbers, own) if own.manifold_dim == 1 else {}
+    ends = _ends_within(scene, numbers) if own.manifold_dim == 1 else {}
     if not isinstance(scene.edge, Mapping):
-        free = set(_loops_of_curve(own)) - {*ends} if ends else set()
-        return {**dict.fromkeys(free, scene.edge), **ends} if ends else scene.edge
-    edge: dict[int, Any] = {}
+        return {**ends, **dict[Any, Any]({None: scene.edge})} if ends else scene.edge
+    edge: dict[Any, Any] = {}
+    members, (_, own_starts) = members_of(scene.surface), _first_loops(scene.surface, numbers)
     for meeting in meetings_of(scene.surface):
         divides = meeting.how == "within" and meeting.higher in numbers
-        if {meeting.lower, meeting.higher} & {*numbers} and not divides:
-            on_curve = own.manifold_dim == 1
-            loops = own.closest_point(meeting.places).edge if on_curve else loops_near(own, meeting.places)
-            edge |= {int(loop): JunctionSide() for loop in np.unique(loops) if loop >= 0}
+        for number in () if divides else {meeting.lower, meeting.higher} & {*numbers}:
+            loops = edges_near(members[number], meeting.places)
+            edge |= {own_starts[numbers.index(number)] + loop: JunctionSide() for loop in loops}
     edge |= ends
     for loop, condition in scene.edge.items():
         own_loop = own_loop_of(scene.surface, numbers, loop)
@@ -109,29 +109,21 @@ def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> Edge
     return edge
 
 
-def _ends_within(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> dict[int, Condition]:
+def _ends_within(scene: Scene, numbers: Sequence[int]) -> dict[int, Condition]:
     """Return the conditions at ends of the curves ``numbers`` that lie in members of higher dimension, by loops."""
     surface, found = scene.surface, dict[int, Condition]()
     members = members_of(surface)
-    starts = np.cumsum([0] + [edge_limit_of(member) for member in members])
+    starts, own_starts = _first_loops(surface, numbers)
     for meeting in meetings_of(surface):
         if meeting.lower not in numbers or meeting.how not in ("along", "within"):
             continue
-        feet = own.closest_point(meeting.places)
-        for row in np.flatnonzero(feet.edge >= 0):
-            at = feet.points[[row]]
+        for end, at in edges_near(members[meeting.lower], meeting.places).items():
             condition: Condition = JunctionSide()
-            for loop in loops_near(members[meeting.higher], at):
-                ((there, _),) = conditions_along(scene.edge, starts[[meeting.higher]] + loop, at)
+            for loop in edges_near(members[meeting.higher], at):
+                ((there, _),) = conditions_along(scene.edge, np.array([starts[meeting.higher] + loop]), at)
                 condition = there if isinstance(there.law, Value) else condition
-            found[int(feet.edge[row])] = condition
+            found[own_starts[numbers.index(meeting.lower)] + end] = condition
     return found
-
-
-def _loops_of_curve(own: Any) -> list[int]:
-    """Return the numbers of all ends of curves."""
-    feet = own.closest_point(np.concatenate([samples_of(member)[0] for member in members_of(own)]))
-    return [int(loop) for loop in np.unique(feet.edge[feet.edge >= 0])]
 
 
 def own_loop_of(surface: ClosestPointSource, numbers: Sequence[int], loop: int) -> int | None:
@@ -148,11 +140,10 @@ def loop_of_union(surface: ClosestPointSource, numbers: Sequence[int], own_loop:
     return int(own_loop - own_starts[position] + starts[numbers[position]])
 
 
-def _first_loops(surface: ClosestPointSource, numbers: Sequence[int]) -> tuple[Ints, Ints]:
+def _first_loops(surface: ClosestPointSource, numbers: Sequence[int]) -> tuple[list[int], list[int]]:
     """Return the first numbers of the members' loops, and the end: on ``surface``, and on the union of ``numbers``."""
-    members = members_of(surface)
-    starts = np.cumsum([0] + [edge_limit_of(member) for member in members])
-    return starts, np.cumsum([0] + [edge_limit_of(members[number]) for number in numbers])
+    limits = [edge_limit_of(member) for member in members_of(surface)]
+    return [*accumulate(limits, initial=0)], [*accumulate((limits[number] for number in numbers), initial=0)]
 
 
 def restrict_data(data: Any, numbers: Sequence[int], own: ClosestPointSource) -> Any:

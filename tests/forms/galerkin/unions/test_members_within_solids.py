@@ -84,6 +84,78 @@ def test_a_fracture_from_edge_to_edge_has_the_values_there(edge):
     assert found.flux("edge") == pytest.approx(0.0, abs=1e-9)
 
 
+SOLIDS = {"box": SQUARE, "disc": ck.source("solid", of=ck.source(SOURCES[2]))}
+CONDITIONS = {
+    "one": ck.Dirichlet("x"),
+    "table": {0: ck.Dirichlet("x"), 1: ck.Dirichlet("x"), 2: ck.Dirichlet("x"), 3: ck.Dirichlet("x")},
+    "parts": [(ck.Dirichlet("x"), "x < 0"), ck.Dirichlet("x")],
+}
+
+
+def random_segments(count, corners):
+    """Segments of at least the length 0.8 whose coordinates are rounded to 0.1, to ``corners`` of the square too."""
+    rng = np.random.default_rng(0)
+    ends = rng.uniform(-0.64, 0.64, (20 * count, 2, 2)).round(1)
+    if corners:
+        ends[::5, 1] = np.where(ends[::5, 1] < 0, -1, 1)
+    return ends[np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) > 0.8][:count]
+
+
+@pytest.mark.parametrize(("solid", "edge"), [("box", "one"), ("box", "table"), ("disc", "one"), ("disc", "parts")])
+def test_fractures_may_end_anywhere_in_a_solid(solid, edge):
+    """Rounding decides whether the closest point to an end is on the edge: the solid's conditions hold all the same."""
+    for start, end in random_segments(40, corners=solid == "box"):
+        union = ck.source("union", members=[SOLIDS[solid], ck.source("analytic.segment", start=start, end=end)])
+        found = ck.solve(ck.Scene(union, ck.Laplace(), edge=CONDITIONS[edge]), 0.2, estimate=False)
+        assert found.of_dimension(2).evaluate([[-0.9, 0.1]]) == pytest.approx([-0.9], abs=0.1)
+        if np.abs(end).max() == 1:  # at a corner the end of the fracture has the value of the edge
+            assert found.of_dimension(1).evaluate([end]) == pytest.approx(end[:1], abs=1e-4)
+
+
+FRACTURES = {
+    "crossing": [[[-0.5, 0.5], [0.5, -0.5]], [[-0.7, -0.5], [0.7, 0.5]]],
+    "end to end": [[[-0.5, 0.3], [0.1, 0.1]], [[0.1, 0.1], [0.5, -0.6]]],
+    "one ends on the other": [[[-0.5, 0.3], [0.5, -0.3]], [[0.3, 0.6], [0.1, -0.06]]],
+}
+
+
+@pytest.mark.parametrize("fractures", FRACTURES)
+def test_fractures_that_meet_and_parts_of_the_edge(fractures):
+    """A list of parts of the edge is the same as a table, although no fracture has a free end where they hold."""
+    segments = [ck.source("analytic.segment", start=start, end=end) for start, end in FRACTURES[fractures]]
+    union = ck.source("union", members=[SQUARE, *segments])
+    cold, warm, insulated = ck.Dirichlet(0.0), ck.Dirichlet(1.0), ck.Neumann(0.0)
+    edges = (
+        {0: cold, 1: warm, 2: insulated, 3: insulated},
+        [(cold, "x < -1 + 1e-9"), (warm, "x > 1 - 1e-9"), insulated],
+    )
+    problem = ck.Elliptic(diffusivity=ck.MemberData(union, [1.0, 5.0, 5.0]))
+    found = [ck.solve(ck.Scene(union, problem, edge=edge), 0.1, estimate=False).of_dimension(1) for edge in edges]
+    ends = np.reshape(FRACTURES[fractures], (-1, 2))
+    assert found[0].evaluate(ends) == pytest.approx(found[1].evaluate(ends), abs=1e-9)
+
+
+def test_a_part_of_the_edge_may_hold_on_one_member_of_a_union():
+    rod = ck.source("analytic.segment", start=[1, 0, 0], end=[3, 0, 0])
+    cap = ck.source("trimmed", of=ck.source("analytic.sphere"), trim="z - 0.9")
+    union, junctions = ck.source("union", members=[cap, rod]), ck.Junction(radius=0.05)
+    edge = [(ck.Dirichlet(1.0), "x > 2"), ck.Dirichlet(1.0)]
+    found = ck.solve(ck.Scene(union, ck.Laplace(), edge=edge, junctions=junctions), 0.2, estimate=False)
+    assert found.evaluate([[2, 0, 0]]) == pytest.approx([1.0], abs=1e-6)
+    nowhere = [(ck.Dirichlet(1.0), "x > 4"), ck.Dirichlet(1.0)]
+    with pytest.raises(ck.SceneError, match="holds at no point of the edge"):
+        ck.solve(ck.Scene(union, ck.Laplace(), edge=nowhere, junctions=junctions), 0.2)
+
+
+def test_a_surface_that_ends_inside_a_ball():
+    ball = ck.source("solid", of=ck.source(SOURCES[3]))
+    bowl = ck.source("trimmed", of=ck.source("analytic.sphere", radius=0.5), trim="z - 0.1")
+    union = ck.source("union", members=[ball, bowl])
+    edge = [(ck.Dirichlet("x"), "x < 0"), ck.Dirichlet("x")]
+    found = ck.solve(ck.Scene(union, ck.Laplace(), edge=edge), 0.36, estimate=False)
+    assert found.of_dimension(3).evaluate([[-0.9, 0.1, 0.0]]) == pytest.approx([-0.9], abs=0.1)
+
+
 def test_a_nucleus_inside_a_cell_with_a_membrane():
     """A cell whose boundary has an equation of its own may have further boundaries inside."""
     circle = ck.source("analytic.circle")
