@@ -76,18 +76,22 @@ class Lattice:
 
 
 def lattice_of(
-    surface: ClosestPointSource, spacing: float, origin: Any = None, coarsest: float = COARSEST_SPACING_SHARE
+    surface: ClosestPointSource,
+    spacing: float,
+    origin: Any = None,
+    coarsest: float = COARSEST_SPACING_SHARE,
+    name: str = "a manifold",
 ) -> Lattice:
     """Return the lattice with this spacing and a node at ``origin``, by default the centre of the surface's bounds.
 
     ``origin`` is in the scene's coordinates; InputError is raised if it is not d finite numbers. Raises ResolutionError
-    if the spacing is more than the share ``coarsest`` of the manifold's largest side, unless that is zero.
+    if the spacing is more than the share ``coarsest`` of the largest side of the manifold, in the message ``name``.
     """
     bounds = np.asarray(surface.bounds, dtype=np.float64)
     largest = float((bounds[1] - bounds[0]).max())
     if spacing > coarsest * largest > 0:
         raise ResolutionError(
-            f"spacing={spacing:g} is too coarse for a manifold whose largest side is {largest:.3g}; "
+            f"spacing={spacing:g} is too coarse for {name} whose largest side is {largest:.3g}; "
             f"use {coarsest * largest:.3g} or less."
         )
     centre: Floats = 0.5 * (bounds[0] + bounds[1])

@@ -45,6 +45,8 @@ def discretize_union(
     options = replace(options, origin=lattice_of(scene.surface, options.spacing, options.origin).origin)
     parts: list[UnionPart] = []
     for numbers, own in scenes_by_dimension(scene):
+        name = f"member{'s' * (len(numbers) > 1)} {' and '.join(map(str, numbers))} of the union,"
+        lattice_of(own.surface, options.spacing, name=name)
         try:
             form, is_closed = _discretize_part(own, options, progress, discretize)
         except EdgeLoopError as error:

@@ -147,6 +147,25 @@ def test_a_part_of_the_edge_may_hold_on_one_member_of_a_union():
         ck.solve(ck.Scene(union, ck.Laplace(), edge=nowhere, junctions=junctions), 0.2)
 
 
+def test_the_member_for_which_a_spacing_is_too_coarse_is_named():
+    union = ck.source("union", members=[SQUARE, ck.source("analytic.segment", start=[0, 0], end=[0.1, 0])])
+    with pytest.raises(ck.ResolutionError, match=r"too coarse for member 1 of the union, whose largest side is 0\.1"):
+        ck.solve(ck.Scene(union, ck.Laplace(), edge=ck.Dirichlet("x")), 0.25)
+
+
+def test_each_side_of_a_fracture_has_the_whole_resistance():
+    """Across a strip of length 2, u rises by 1/3 on each side of a fracture, and by R q = 1/6 from each side to v."""
+    block = ck.source("analytic.box", lower=[0.0, 0.0], upper=[2.0, 1.0])
+    union = ck.source("union", members=[block, ck.source("analytic.segment", start=[1, 0], end=[1, 1])])
+    insulated = ck.Neumann(0.0)
+    edge = {0: ck.Dirichlet(0.0), 1: ck.Dirichlet(1.0), 2: insulated, 3: insulated}
+    found = ck.solve(ck.Scene(union, ck.Laplace(), edge=edge, junctions=ck.Junction(resistance=0.5)), 0.1)
+    at = [[1.0, 0.3], [1.0, 0.8]]
+    both = np.reshape(found.of_dimension(2).evaluate(at, side="both"), -1)
+    assert np.sort(both) == pytest.approx([1 / 3, 1 / 3, 2 / 3, 2 / 3], abs=1e-7)
+    assert found.of_dimension(1).evaluate(at) == pytest.approx([0.5, 0.5], abs=1e-7)
+
+
 def test_a_surface_that_ends_inside_a_ball():
     ball = ck.source("solid", of=ck.source(SOURCES[3]))
     bowl = ck.source("trimmed", of=ck.source("analytic.sphere", radius=0.5), trim="z - 0.1")
