@@ -28,6 +28,10 @@ class Junction:
     what flows from u to v: along a curve in a surface, or a surface on the boundary of a solid, per unit of length or
     area; where a curve meets a surface at a point, in all.
 
+    A curve inside a surface or an area, or a surface inside a solid, has two sides, each with the whole resistance:
+    ``u_left - v = resistance q_left`` and ``u_right - v = resistance q_right``. What enters v is their sum, and u may
+    jump: ``solution.of_dimension(2).evaluate(points, side="both")`` reads its two values beside a curve.
+
     Parameters
     ----------
     resistance : float
