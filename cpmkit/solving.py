@@ -21,6 +21,7 @@ from cpmkit.forms.cost_model import CostModel, Explanation, Part, fit_linear_cos
 from cpmkit.forms.options import AccuracyTarget, Options
 from cpmkit.grid.lattice import check_numbered, lattice_of
 from cpmkit.linear.solver_options import SolverOptions
+from cpmkit.manifold.abilities import warnings_of
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.plugins import call_factory, factory, takes_key
@@ -201,9 +202,11 @@ def explain(
         model = cost_model(scene, target)
         with explain_memory_error(scene, target, solver):
             explained = model.explain(solver, shown) if dry_run or seconds else quick_estimate(model, solver)
+        warnings = [*warnings_of(scene.surface, target.spacing)]
         if target.form == "collocation":
-            warnings = (*mixed_joint_warnings(scene.surface, target.spacing), *explained.warnings)
-            explained = replace(explained, warnings=warnings)
+            warnings += module_of(target.form).fallback_warnings(scene, target)
+            warnings += mixed_joint_warnings(scene.surface, target.spacing)
+        explained = replace(explained, warnings=(*dict.fromkeys((*warnings, *explained.warnings)),))
         return _add_seconds(explained, scene, target.spacing, shown, dict(options)) if seconds else explained
 
 

@@ -87,17 +87,17 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     if any(condition.order is not None for condition in scene.conditions):
         return "collocation", "the only one with orders of conditions"
     if surface.manifold_dim in range(1, surface.dim):
-        return "galerkin", "the default for curves and surfaces"
+        return "galerkin", "the default"
     reason = reason_against(scene, given)
     if reason:
         return "collocation", f"the form 'galerkin' takes {reason}"
     if surface.manifold_dim is None:
-        return "galerkin", "the default for members of several dimensions"
+        return "galerkin", "the default"
     if len(members_of(surface)) > 1:
         return "collocation", "the only one for solids that may overlap"
     if not import_module("cpmkit.forms.galerkin.solids.skin").has_known_boundary(surface):
         return "collocation", "the boundary of the solid is known by its closest points alone"
-    return "galerkin", "the default for solids"
+    return "galerkin", "the default"
 
 
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:

@@ -13,7 +13,7 @@ from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.collocation_cost import CollocationCost
 from cpmkit.forms.collocation.discretization import Work, build_tables, measure_work, with_new_data
 from cpmkit.forms.collocation.extension_operator import BoundaryMass, ExtensionOperator, build_operator, check_terms
-from cpmkit.forms.collocation.layout_checks import check_waves, layout_warnings, sharp_bend_warnings
+from cpmkit.forms.collocation.layout_checks import check_waves, fallback_warnings, layout_warnings, sharp_bend_warnings
 from cpmkit.forms.collocation.mean_weights import (
     closed_components,
     correct_means,
@@ -248,7 +248,8 @@ class Collocation(Reader):
             if not datum.at_corners
         ]
         layout = layout_warnings(self.tables.layout, self.scene)
-        return (*self._joint_warnings, *layout, *data_warnings(self, conditions))
+        fallback = fallback_warnings(self.scene, self.tables.layout.options)
+        return (*fallback, *self._joint_warnings, *layout, *data_warnings(self, conditions))
 
     @cached_property
     def _joint_warnings(self) -> list[str]:
@@ -323,17 +324,17 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
 
     These are tensor or state-dependent diffusivities, edge conditions by position and conservative velocities.
     """
-    del options
+    other = f"{options.reason}: change one of the two" if "takes" in options.reason else "use form='galerkin'"
     needs_state = getattr(scene.problem.terms().diffusivity, "needs_state", False)
     if scene.has_tensor or needs_state:
         raise SceneError(
             f"the form 'collocation' has no diffusivity that {'depends on u' if needs_state else 'is a tensor'}, which "
-            f"{scene.problem.kind!r} needs; use form='galerkin'."
+            f"{scene.problem.kind!r} needs; {other}."
         )
     if any(part.where is not None for part, _ in parts_of_edge(scene.edge)):
         raise SceneError(
-            "the form 'collocation' takes one condition for each loop of the edge, got conditions by position; use "
-            "form='galerkin', which curves and surfaces have."
+            "the form 'collocation' takes one condition for each loop of the edge, got conditions by position; "
+            f"{other}."
         )
     check_terms(scene.problem.terms())
 

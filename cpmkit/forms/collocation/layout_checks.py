@@ -11,8 +11,11 @@ from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.forms.collocation.band_layout import Layout
 from cpmkit.forms.collocation.band_sheets import foot_directions
 from cpmkit.forms.collocation.ghosts.transmission_ghosts import check_conductivities
+from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.side_view import ALONGSIDE_COSINE, STRIP_SPACINGS
+from cpmkit.forms.options import Options
 from cpmkit.manifold.abilities import advice_of
+from cpmkit.manifold.local_source import largest_dim
 from cpmkit.manifold.vector_algebra import dots, unit
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import same_condition
@@ -196,6 +199,13 @@ SHARP_SHARE = 5e-3
 SAME_FLANK_COSINE, MOST_CHORD_SPACINGS = 0.2, 2.0
 #: A boundary farther off the surface than this many spacings is probably a mistake.
 OFF_SURFACE_SPACINGS = 0.5
+
+
+def fallback_warnings(scene: Scene, options: Options[CollocationOptions]) -> list[str]:
+    """Return a list with a warning if a solid with boundaries inside is solved because another form refuses it."""
+    text = f"The form 'collocation' solves this scene, since {options.reason}: errors near boundaries inside the solid "
+    inside = scene.boundaries and largest_dim(scene.surface) == scene.surface.dim and "takes" in options.reason
+    return [f"{text}fall with the square of the spacing at best."] if inside else []
 
 
 def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:

@@ -145,6 +145,7 @@ def test_what_may_spoil_a_solution_is_said_in_sentences():
     assert "100 of 4100 points of the cloud lie where an earlier one lies" in repeated
     assert "The neighbours of 4000 of 4000 samples of the cloud lie on no smooth surface" in thick
     assert "where there is noise neighbours=60, and fewer if that raises this count" in thick
+    assert ck.explain(ck.Scene(points(points=sheets), ck.ScreenedPoisson(1.0)), 0.3).warnings == (repeated, thick)
     t = np.linspace(0.0, 1.0, 200)[:, None]
     (lowered_degree_count,) = (
         points(points=np.concatenate([t * [1, 0, 0], BALL + [5.0, 0, 0]]), closed=False).advice(0.1).warnings

@@ -12,8 +12,8 @@ SCENE = ck.Scene(ck.source("analytic.sphere"), ck.Eigen(4))
 def test_it_is_the_form_that_auto_takes():
     solution = ck.solve(SCENE, 0.25)
     assert solution.discretized.form == "galerkin"
-    assert "curves and surfaces" in solution.summary()["discretization"]["form_reason"]
-    assert "curves and surfaces" in str(ck.explain(SCENE, 0.25, dry_run=True))
+    assert solution.summary()["discretization"]["form_reason"] == "the default"
+    assert "form 'galerkin': the default" in str(ck.explain(SCENE, 0.25, dry_run=True))
 
 
 def test_modes_that_are_saved_are_read_back_to_the_last_bit(tmp_path):

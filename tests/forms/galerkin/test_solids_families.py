@@ -1,5 +1,7 @@
 """Equations of every family on solids, their laws, integrals, files, and what the Galerkin form refuses there."""
 
+import re
+
 import numpy as np
 import pytest
 from exact_eigenvalues import ball_eigenvalues, cube_eigenvalues
@@ -204,7 +206,7 @@ def form_and_reason(source, boundaries=(), **options):
 
 @pytest.mark.parametrize("source", [DISK, CUBE, ck.source("moved", of=DISK, translation=[1.0, 2.0])])
 def test_the_default_form_on_solids(source):
-    assert form_and_reason(source) == ("galerkin", "the default for solids")
+    assert form_and_reason(source) == ("galerkin", "the default")
 
 
 def test_where_solids_take_the_collocation_form():
@@ -220,3 +222,16 @@ def test_where_solids_take_the_collocation_form():
         assert form == "collocation", words
         assert words in reason
     assert form_and_reason(WithMesh()) == form_and_reason(Plain())
+
+
+def test_a_solid_that_collocation_solves_with_a_boundary_inside_is_warned_of():
+    pin = ck.Boundary("pin", ck.source("analytic.point", at=[0.1, 0.2]), both=ck.Dirichlet(0.0))
+    scene = ck.Scene(DISK, ck.ScreenedPoisson(1.0), [pin])
+    reason = "The form 'collocation' solves this scene, since the form 'galerkin' takes .* as boundaries inside"
+    with pytest.warns(ck.CpmkitWarning) as caught:
+        ck.solve(scene, 0.2, estimate=False)
+    assert any(re.match(reason, str(warning.message)) for warning in caught)
+    assert re.match(reason, ck.explain(scene, 0.2).warnings[0])
+    parts = ck.Scene(DISK, ck.ScreenedPoisson(1.0), [pin], [(ck.Dirichlet(0.0), "x < 0"), ck.Neumann(0.0)])
+    with pytest.raises(ck.SceneError, match=r"'collocation' takes one condition .* 'galerkin' takes .*: change one of"):
+        ck.solve(parts, 0.2)
