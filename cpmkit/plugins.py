@@ -74,8 +74,9 @@ def _unknown_kind_message(kind: str) -> str:
         return f"{missing}{meant}. Kinds of the family {family!r}: {', '.join(relatives)}."
     listed = ", ".join(kinds) or "none"
     extra = "combinations" if family in COMBINATIONS else family
-    advice = f" {install_command(extra)} adds the family {family!r}." if extra in PLUGIN_FAMILIES else ""
-    return f"{missing}{meant}. Installed: {listed}.{advice}"
+    own = f"A package of your own must be installed, with the kind as an entry point in the group {KINDS_GROUP!r}."
+    advice = f"{install_command(extra)} adds the family {family!r}." if extra in PLUGIN_FAMILIES else own
+    return f"{missing}{meant}. Installed: {listed}. {advice}"
 
 
 def load_plugin(kind: str) -> Any:

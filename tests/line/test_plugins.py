@@ -105,6 +105,13 @@ def test_a_solver_of_a_plugin(good):
         ck.solve(scene, 0.05, solver="direct", patience=3)
 
 
+def test_a_kind_of_no_plugin_names_the_group_of_entry_points(good):
+    with pytest.raises(
+        ck.PluginError, match=r"must be installed, with the kind as an entry point in the group 'cpmkit"
+    ):
+        ck.source("own.ring")
+
+
 def test_a_kind_of_another_sort(good):
     with pytest.raises(
         ck.PluginError, match=r"'fake\.solver' is not among what its plugin hands to the hook cpmkit_sources"
