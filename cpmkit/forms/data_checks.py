@@ -25,6 +25,7 @@ from cpmkit.linear.operators import Border, Bordered, Operator
 from cpmkit.scene.data import Functional, evaluate_data, is_sequence
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.equations import Elliptic, ScreenedPoisson, Terms
+from cpmkit.scene.member_data import MemberData
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.special_data import VertexData
 from cpmkit.types import Bools, Floats
@@ -319,6 +320,8 @@ def _variation_warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Ite
     """Yield one warning if data vary within ``spacing``, unless their values are rounding errors alone; else none."""
     values = _values_at_points(scene, data)
     places = data.points if data.normals is None else np.hstack([data.points, spacing * data.normals])
+    if isinstance(data.data, MemberData):  # which differ where members meet
+        places = np.hstack([places, spacing * data.data.member_at(data.points)[:, None]])
     share = 0.0 if values is None else nugget(values, places, spacing)
     if share > UNRESOLVED_NUGGET and not _is_rounding(scene, data, values, spacing):
         yield (

@@ -140,6 +140,14 @@ def test_data_that_are_zero_but_for_rounding_are_resolved(form, turn):
     assert solution.evaluate([[0.3 * c - 0.4 * s, 0.3 * s + 0.4 * c, 0]])[0] == pytest.approx(0.3, abs=1e-3)
 
 
+def test_data_of_members_that_meet_may_differ_there():
+    segments = [ck.source("analytic.segment", start=[-x, -y], end=[x, y]) for x, y in ((0.5, 0.0), (0.0, 0.5))]
+    union = ck.source("union", members=[ck.source("analytic.box", lower=[-1, -1], upper=[1, 1]), *segments])
+    f = ck.MemberData(union, [0.0, "-8 - 2*abs(x)", "8 - 2*abs(y)"])
+    scene = ck.Scene(union, ck.ScreenedPoisson(f), edge=ck.Dirichlet(0.0))
+    assert not told(ck.solve(scene, 0.1, estimate=False))
+
+
 def test_noise_at_vertices_that_the_equation_smooths_over_two_spacings_is_not():
     """At half the length of smoothing u is known to a tenth of its size (linear elements on the mesh agree)."""
     ball, length = pytest.importorskip("trimesh").creation.icosphere(5), 0.6
