@@ -81,5 +81,5 @@ logging.getLogger("cpmkit").addHandler(logging.NullHandler())
 
 if not TYPE_CHECKING:  # else every name, even a misspelt one, would exist for a type checker
     _USES = names_by_use(__name__)
-    __getattr__, __dir__ = lazy_names(__name__, _USES)
+    __getattr__, __dir__ = lazy_names(__name__, {**_USES, "the module itself": {"plugin": "cpmkit.plugin"}})
     __all__ = sorted(name for names in _USES.values() for name in names)

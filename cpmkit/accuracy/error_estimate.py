@@ -51,7 +51,7 @@ class ErrorEstimate:
 
     @property
     def bound(self) -> Floats:
-        """Twice the largest error plus ``floor``, thrice if estimated (channels,), in u's unit; rarely exceeded."""
+        """Twice ``error`` plus ``floor * unit``, thrice this if estimated (channels,), in u's unit; rarely exceeded."""
         return np.asarray(2.0 * self.error + (1.0 if self.floor_is_bound else 3.0) * self.floor * self.unit)
 
     @property

@@ -42,7 +42,8 @@ def lazy_names(
         if name not in modules:
             message = f"module {package!r} has no attribute {name!r}{advice}"
             raise AttributeError(message, name=name, obj=sys.modules[package])
-        namespace[name] = getattr(import_module(modules[name]), name)
+        module = import_module(modules[name])
+        namespace[name] = module if modules[name] == f"{package}.{name}" else getattr(module, name)
         return namespace[name]
 
     return get, lambda: sorted({*namespace, *modules})

@@ -59,6 +59,10 @@ def test_a_kind_imports_its_own_plugin_and_no_other():
     assert modules & LIBRARIES == set()
 
 
+def test_the_module_for_plugins_is_imported_when_it_is_named():
+    imported_by("import sys, cpmkit; assert 'cpmkit.plugin' not in sys.modules; cpmkit.plugin.hookimpl")
+
+
 def test_kernels_are_imported_where_a_scene_is_discretised():
     assert "numba" not in imported_by("import cpmkit.solving")
 
