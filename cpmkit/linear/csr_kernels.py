@@ -80,51 +80,6 @@ def add_product(start: int, stop: int, pointers: Any, columns: Any, entries: Any
 
 
 @compiled
-def multiply_csr(
-    pointers: Any,
-    columns: Any,
-    entries: Floats,
-    other_pointers: Any,
-    other_columns: Any,
-    other_entries: Floats,
-    width: int,
-    room: int,
-) -> tuple[Any, Any, Floats]:
-    """Return pointers, columns (unsorted) and entries of the product ``A B`` of two matrices given by their CSR arrays.
-
-    ``width`` is the number of columns of B, the ``other`` matrix; ``room`` the expected number of entries of A B, which
-    may be wrong: unused room takes no memory, an extension some time.
-    """
-    met, total = np.full(width, -1, dtype=np.int32), np.zeros(width)  # of each column the last row, the entry
-    starts = np.zeros(len(pointers), dtype=np.uint64)
-    out_columns, sums = np.empty(room, dtype=np.uint32), np.empty(room)
-    used = np.uint64(0)
-    for i in range(len(pointers) - 1):
-        begin = used
-        if used + np.uint64(width) >= np.uint64(len(sums)):
-            most = used + np.uint64(1)
-            for k in range(pointers[i], pointers[i + 1]):
-                most += other_pointers[columns[k] + np.uint64(1)] - other_pointers[columns[k]]
-            if most >= np.uint64(len(sums)):
-                more, further = np.empty(2 * most, dtype=np.uint32), np.empty(2 * most)
-                more[:used], further[:used] = out_columns[:used], sums[:used]
-                out_columns, sums = more, further
-        for k in range(pointers[i], pointers[i + 1]):
-            entry, row = entries[k], columns[k]
-            for at in range(other_pointers[row], other_pointers[row + np.uint64(1)]):
-                column = other_columns[at]
-                total[column] += entry * other_entries[at]
-                out_columns[used] = column  # stays if it is new: a branch would often be mispredicted
-                used += np.uint64(met[column] != i)
-                met[column] = i
-        for at in range(begin, used):
-            sums[at] = total[out_columns[at]]
-            total[out_columns[at]] = 0.0
-        starts[i + 1] = used
-    return starts, out_columns[:used], sums[:used]
-
-
-@compiled
 def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[Any, Any, Any]:
     """Return pointers, columns and entries of the upper half of a square matrix, whose rows may be unsorted.
 

@@ -41,22 +41,6 @@ class UnsignedCsr:
         entries = matrix.data.astype(kind, copy=False)
         return cls(matrix.indptr.astype(np.uint64), columns, entries, int(matrix.shape[1]))
 
-    def to_csr(self) -> SparseMatrix:
-        """Return the matrix in SciPy's form, which may share its memory; the entries of a row may be unsorted."""
-        from scipy.sparse import csr_array
-
-        kind = np.int32 if len(self.entries) < 2**31 else np.int64
-        columns = self.columns.view(np.int32) if kind is np.int32 else self.columns.astype(kind)
-        return csr_array((self.entries, columns, self.pointers.astype(kind)), shape=(len(self), self.width))
-
-    def __matmul__(self, other: UnsignedCsr) -> UnsignedCsr:
-        """Return the product ``A B`` with another matrix, with unsorted rows."""
-        from cpmkit.linear.csr_kernels import multiply_csr
-
-        left, right = ((factor.pointers, factor.columns, factor.entries) for factor in (self, other))
-        room = max(len(self.entries), len(other.entries))
-        return UnsignedCsr(*multiply_csr(*left, *right, other.width, room), other.width)
-
     def __len__(self) -> int:
         return len(self.pointers) - 1
 

@@ -29,13 +29,7 @@ from cpmkit.linear.multigrid.smoothers import (
     Smoother,
     WithStrip,
 )
-from cpmkit.linear.operators import (
-    Operator,
-    as_bordered,
-    has_symmetric_pattern,
-    plus_diagonal,
-    without_border,
-)
+from cpmkit.linear.operators import Operator, as_bordered, has_symmetric_pattern, plus_diagonal, without_border
 from cpmkit.linear.preconditioned import PreconditionedCG, PreconditionedGMRES
 from cpmkit.linear.residuals import IndefiniteError
 from cpmkit.runtime.memory import release_memory
@@ -114,9 +108,7 @@ def build_cycle(
     matrices, strips = [matrix], []
     for level in levels:  # all coarser matrices first: temporary tables are not in memory together with smoothers
         strips.append(_regular_strip(level.strip, piece))
-        P = level.prolongation
-        fine, forth, back = (UnsignedCsr.from_matrix(each) for each in (matrices[-1], P, P.T.tocsr()))
-        coarser = (back @ (fine @ forth)).to_csr()  # with unsorted rows
+        coarser = level.prolongation.T.tocsr() @ (matrices[-1] @ level.prolongation)
         matrices.append(coarser if level.lines is None else stabilise_lines(coarser, level.lines))
         release_memory()
         coarse_piece = np.full(len(coarser.indptr) - 1, -1)
