@@ -120,11 +120,9 @@ def dispersion_of(degree: int, geometry: CellGeometry) -> Dispersion:
     a smooth source the first eigenvalues of the circle at h = .05 and of the sphere at .2 have .5 to 1.5 times these
     errors; with the square of h / radius the predicted errors would be a hundred times as large.
     """
-    resolved, coarsest, power, waves = {
-        1: (0.55, 0.75, 2, 0.035),
-        2: (1.8, 2.2, 4, 0.002),
-        3: (1.9, 2.2, 4, 0.001),
-    }[degree]
+    resolved, coarsest, power, waves = {1: (0.55, 0.75, 2, 0.035), 2: (1.8, 2.2, 4, 0.002), 3: (1.9, 2.2, 4, 0.001)}[
+        degree
+    ]
     return Dispersion(resolved, coarsest, power, waves, 0.02, power if geometry == "closest_point" else 2)
 
 

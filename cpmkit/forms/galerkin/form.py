@@ -57,7 +57,7 @@ class Galerkin(EquationAssembly, Discretized):
 
     form: ClassVar[str] = "galerkin"
     cannot: ClassVar[Mapping[str, str]] = {
-        "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
+        "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'"
     }
 
     options: Options[GalerkinOptions]  #: Options: the options of the discretisation.

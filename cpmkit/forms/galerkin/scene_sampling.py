@@ -32,21 +32,8 @@ from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.vector_algebra import dots
-from cpmkit.mesh.adjacency import (
-    HalfFacets,
-    cut_corners,
-    half_facets,
-    has_cut_corners,
-    rim_of_edges,
-    seam_midpoints,
-)
-from cpmkit.mesh.cell_quadrature import (
-    Samples,
-    longest_edge,
-    needs_degree_four,
-    quadrature,
-    triangles_to_clip,
-)
+from cpmkit.mesh.adjacency import HalfFacets, cut_corners, half_facets, has_cut_corners, rim_of_edges, seam_midpoints
+from cpmkit.mesh.cell_quadrature import Samples, longest_edge, needs_degree_four, quadrature, triangles_to_clip
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.part_borders import split_at_parts
 from cpmkit.mesh.subdivision import subdivide

@@ -92,11 +92,6 @@ def move_to_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, 
     return moved, on_rim
 
 
-def edges_on_rim(border: OpenEdges, on_rim: Bools) -> Ints:
-    """Return the rows (r,) of the open edges ``border`` with both ends on a rim; ``on_rim`` (v,) marks vertices."""
-    return np.flatnonzero(on_rim[border.ends].all(axis=1))
-
-
 def remove_bridges(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) -> Ints:
     """Return the triangles (n, 3) without those between three rim vertices that leave the surface or have no area.
 

@@ -22,13 +22,7 @@ import numpy as np
 from cpmkit.forms.galerkin.dof_map import lines_through
 from cpmkit.forms.galerkin.options import Stabilisation
 from cpmkit.forms.galerkin.space.pattern_kernels import add_squared_differences
-from cpmkit.forms.galerkin.space.sample_kernels import (
-    SPLINES,
-    add_gradient_load,
-    add_load,
-    fill_gradients,
-    fill_values,
-)
+from cpmkit.forms.galerkin.space.sample_kernels import SPLINES, add_gradient_load, add_load, fill_gradients, fill_values
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.runtime.index_sets import inverse_index
 from cpmkit.types import Floats, Ints, SparseMatrix

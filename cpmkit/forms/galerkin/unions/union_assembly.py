@@ -15,16 +15,8 @@ from cpmkit.forms.galerkin.equation_assembly import GalerkinOperator
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.space.energy import scalar_coefficient
-from cpmkit.forms.galerkin.unions.block_matrices import add_blocks, block_diagonal, stack_blocks
-from cpmkit.forms.galerkin.unions.junctions import (
-    Contact,
-    PointContact,
-    contact_blocks,
-    point_contact_blocks,
-)
-from cpmkit.forms.galerkin.unions.part_scenes import (
-    restrict_fields,
-)
+from cpmkit.forms.galerkin.unions.junctions import Contact, PointContact, contact_blocks, point_contact_blocks
+from cpmkit.forms.galerkin.unions.part_scenes import restrict_fields
 from cpmkit.forms.galerkin.unions.union_parts import PartFlux, UnionPart
 from cpmkit.forms.options import Options
 from cpmkit.linear.multigrid.solver import Level
@@ -73,16 +65,16 @@ class UnionAssembly:
     @cached_property
     def mass(self) -> CsrOperator:
         """M, the sum over the parts of the integrals of products of functions."""
-        return CsrOperator(block_diagonal([form.mass.matrix for form in self.forms]), symmetric=True)
+        return CsrOperator(_block_diagonal([form.mass.matrix for form in self.forms]), symmetric=True)
 
     @cached_property
     def mass_in_time(self) -> CsrOperator:
         """M + h^2 S, with S the stabilisation."""
-        return CsrOperator(block_diagonal([form.mass_in_time.matrix for form in self.forms]), symmetric=True)
+        return CsrOperator(_block_diagonal([form.mass_in_time.matrix for form in self.forms]), symmetric=True)
 
     def weighted_mass(self, values: Floats) -> SparseMatrix:
         """Return the integrals (n, n) of c u v, with the ``values`` (p,) of c at the samples."""
-        return block_diagonal([part.form.weighted_mass(values[part.points]) for part in self.parts])
+        return _block_diagonal([part.form.weighted_mass(values[part.points]) for part in self.parts])
 
     def stiffness(self, terms: Terms) -> UnionOperator:
         """Return A: the operators of the parts and the terms of the junctions; raises the errors of the parts."""
@@ -93,7 +85,7 @@ class UnionAssembly:
         for (high, low), contact in self.contacts.items():
             conditions = operators[high].conditions
             assert conditions is not None
-            add_blocks(blocks, high, low, contact_blocks(conditions, contact))
+            _add_blocks(blocks, high, low, contact_blocks(conditions, contact))
         for (high, low), at_points in self.point_contacts.items():
             part = self.parts[high]
             a = part.form.coefficients.diffusivity(self._terms_of(part, terms).diffusivity)
@@ -101,9 +93,9 @@ class UnionAssembly:
             at = np.broadcast_to(a[:1], len(at_points.nearest)) if len(a) == 1 else a[at_points.nearest]
             of_curves = operators[low].conditions
             assert of_curves is not None
-            add_blocks(blocks, high, low, point_contact_blocks(at_points, at, self.spacing, of_curves))
+            _add_blocks(blocks, high, low, point_contact_blocks(at_points, at, self.spacing, of_curves))
         return UnionOperator(
-            stack_blocks(blocks),
+            _stack_blocks(blocks),
             all(each.symmetric for each in operators),
             any(each.indefinite for each in operators),
             fixed=all(each.fixed for each in operators),
@@ -121,7 +113,7 @@ class UnionAssembly:
     def advection(self, field: StateDependentCoefficient) -> CsrOperator:
         """Return the matrix (n, n) of the integrals of u (w . grad v), w the ``field``, on each part."""
         matrices = [part.form.advection(part.restrict(field, self)).matrix for part in self.parts]
-        return CsrOperator(block_diagonal(matrices))
+        return CsrOperator(_block_diagonal(matrices))
 
     def boundary_mass(self, stiffness: Any) -> CsrOperator | None:
         """Return the integrals (n, n) of a u v where du/db = lambda u; None if that is nowhere."""
@@ -132,7 +124,7 @@ class UnionAssembly:
 
         sizes = [(form.size, form.size) for form in self.forms]
         blocks = [csr_array(size) if mass is None else mass.matrix for mass, size in zip(masses, sizes, strict=True)]
-        return CsrOperator(block_diagonal(blocks), symmetric=True)
+        return CsrOperator(_block_diagonal(blocks), symmetric=True)
 
     def levels(self, operator: Operator) -> Sequence[Level]:
         """Return multigrid levels of ``operator``: those of the parts side by side, as long as a part has any."""
@@ -152,7 +144,7 @@ class UnionAssembly:
                 touched[k] = np.unique(blocks[-1][touched[k]].indices)
                 sizes[k] = blocks[-1].shape[1]
             in_blocks = any(level is not None and level.in_blocks for level in levels)
-            found.append(Level(block_diagonal(blocks), np.concatenate(strips), in_blocks=in_blocks))
+            found.append(Level(_block_diagonal(blocks), np.concatenate(strips), in_blocks=in_blocks))
         return inner.usable_levels(found, self.spacing) if isinstance(inner, GalerkinOperator) else found
 
     def _touched_unknowns(self, number: int) -> Ints:
@@ -200,3 +192,27 @@ class UnionAssembly:
             parts.append(replace(part, form=part.form.linearise(rest[:count])))
             rest = rest[count:]
         return replace(self, parts=tuple(parts))
+
+
+def _block_diagonal(matrices: Sequence[Any]) -> Any:
+    """Return the sparse matrix with the ``matrices`` on its diagonal."""
+    from scipy.sparse import block_diag
+
+    return block_diag(matrices, format="csr")
+
+
+def _add_blocks(blocks: list[list[Any]], high: int, low: int, added: Sequence[Any]) -> None:
+    """Add the blocks (n, n), (n, m) and (m, m) of a junction of the parts ``high`` and ``low`` to ``blocks``."""
+    upper, across, lower = added
+    for row, column, block in ((high, high, upper), (high, low, across), (low, high, across.T), (low, low, lower)):
+        before = blocks[row][column]
+        blocks[row][column] = block if before is None else before + block
+
+
+def _stack_blocks(blocks: list[list[Any]]) -> Any:
+    """Return the sparse matrix of ``blocks`` by row and column, None for zero, with ascending columns."""
+    from scipy.sparse import block_array
+
+    matrix = block_array(blocks, format="csr")
+    matrix.sort_indices()
+    return matrix

@@ -16,11 +16,7 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_
 from cpmkit.forms.galerkin.equation_assembly import multigrid_applies
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.solve_memory import GalerkinWork
-from cpmkit.forms.galerkin.unions.part_scenes import (
-    loop_of_union,
-    own_loop_of,
-    scenes_by_dimension,
-)
+from cpmkit.forms.galerkin.unions.part_scenes import loop_of_union, own_loop_of, scenes_by_dimension
 from cpmkit.forms.galerkin.unions.union_assembly import UnionAssembly
 from cpmkit.forms.galerkin.unions.union_parts import UnionPart
 from cpmkit.linear.operators import Operator
