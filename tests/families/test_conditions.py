@@ -259,7 +259,7 @@ def test_a_channel_each_for_different_kinds_of_data():
 
     def solved(left, right, f):
         boundary = ck.Boundary("circle", circle, left=left, right=right, left_of=axis)
-        return ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(f), [boundary]), 0.2).values
+        return ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(f), [boundary]), 0.3).values
 
     together = solved(ck.Dirichlet(data), ck.Robin(1.0, 2.0, data), data)
     for channel, one in enumerate(data):
@@ -301,7 +301,7 @@ def test_a_moebius_strip_takes_equal_data_and_refuses_different_ones():
         np.testing.assert_allclose(solution.evaluate(strip.mesh(0.2)[0]), 2.0, atol=1e-8)
     different = ck.Boundary("core", core, left=ck.Dirichlet(2.0), right=ck.Dirichlet(3.0))
     with pytest.raises(ck.SceneError, match="no left"):
-        ck.solve(ck.Scene(strip, ck.ScreenedPoisson(2.0, c=1.0), [different]), 0.1)
+        ck.solve(ck.Scene(strip, ck.ScreenedPoisson(2.0, c=1.0), [different]), 0.2)
 
 
 @pytest.mark.slow
