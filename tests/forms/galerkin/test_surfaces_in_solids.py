@@ -1,0 +1,179 @@
+"""Surfaces inside solids in space that reach the skin, cross and end on each other, in the Galerkin form."""
+
+import numpy as np
+import pytest
+from model_problems import order_of
+from solid_problems import f, gradient, u
+
+import cpmkit as ck
+
+BALL = ck.source("solid", of=ck.source("analytic.sphere"))
+BOX = ck.source("analytic.box", lower=[-1.0, -1.0, -1.0], upper=[1.0, 1.0, 1.0])
+#: A rotation that leaves no axis in a lattice plane.
+TURN = np.linalg.qr(np.array([[1.0, 0.0, 0.2], [0.0, 1.0, 0.1], [-0.2, -0.1, 1.0]]))[0]
+Z = np.array([0.0, 0.0, 1.0])
+
+
+def mesh(vertices, faces):
+    return ck.source("mesh.triangles", vertices=np.asarray(vertices), faces=faces, closest="faceted")
+
+
+def plate(low, high, z, turn=None):
+    """Return the rectangle between the corners ``low`` and ``high`` of a plane at height z, turned about zero."""
+    (a, b), (c, d) = low, high
+    corners = np.array([[a, b, z], [c, b, z], [c, d, z], [a, d, z]], dtype=float)
+    return mesh(corners @ (np.eye(3) if turn is None else turn), [[0, 1, 2], [0, 2, 3]])
+
+
+def sphere(radius, *center):
+    return ck.source("analytic.sphere", radius=radius, center=center)
+
+
+def tube(sides, radius, length):
+    """Return a prism without its ends."""
+    angle = 2 * np.pi * np.arange(sides) / sides
+    ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    vertices = np.concatenate([np.column_stack([ring, np.full(sides, z)]) for z in (-length / 2, length / 2)])
+    faces = [[k, (k + 1) % sides, k + sides] for k in range(sides)]
+    faces += [[(k + 1) % sides, (k + 1) % sides + sides, k + sides] for k in range(sides)]
+    return mesh(vertices @ TURN, faces)
+
+
+def inside(source, count=3000):
+    points = np.random.default_rng(0).uniform(*source.bounds, (count, source.dim))
+    return points[source.closest_point(points).edge < 0]
+
+
+def linear(x):
+    return x @ np.array([1.0, -0.7, 0.4]) + 0.3
+
+
+WIDE = ((-3, -3), (3, 3))
+SURFACES = {
+    "a plane": [plate(*WIDE, 0.13)],
+    "a plane on a lattice plane": [plate(*WIDE, 0.0)],
+    "a turned plane": [plate(*WIDE, 0.1, TURN)],
+    "through edges of the box": [plate(*WIDE, 0.0, np.array([[1, 0, 0], [0, 0.6, 0.8], [0, -0.8, 0.6]]))],
+    "the diagonal of the box": [mesh([[-1, -1, -1], [1, 1, -1], [1, 1, 1], [-1, -1, 1]], [[0, 1, 2], [0, 2, 3]])],
+    "with an end inside": [plate((-3, -3), (0.1, 3), 0.13)],
+    "turned, with an end inside": [plate((-3, -3), (0.1, 3), 0.13, TURN)],
+    "with a corner inside": [plate((-3, -3), (0.1, 0.2), 0.13, TURN)],
+    "a sphere across": [sphere(0.8, 0.7, 0.2, 0.1)],
+    "two planes that cross": [plate(*WIDE, 0.13), plate(*WIDE, 0.1, TURN[[2, 0, 1]])],
+    "a plane that ends on another": [
+        plate(*WIDE, 0.13),
+        mesh([[0.1, -3, 0.13], [0.1, 3, 0.13], [0.1, 3, 3], [0.1, -3, 3]], [[0, 1, 2], [0, 2, 3]]),
+    ],
+    "two spheres that cross inside": [sphere(0.4, -0.2, 0.0, 0.0), sphere(0.4, 0.2, 0.0, 0.05)],
+    "a tube": [tube(12, 0.4, 4.0)],
+    "a tube across a plane": [tube(6, 0.5, 1.0), plate(*WIDE, 0.13)],
+}
+
+
+@pytest.mark.parametrize(("number", "name"), list(enumerate(SURFACES)))
+def test_linear_functions_pass_every_surface_unchanged(number, name):
+    """To rounding in a box; on a ball to the error of its skin without any surface."""
+    condition = [{"across": ck.Transmission()}, {"both": ck.Dirichlet(linear)}][number % 2]
+    boundaries = [ck.Boundary(f"b{k}", surface, **condition) for k, surface in enumerate(SURFACES[name])]
+    flat = all(surface.__class__.__name__ != "Sphere" for surface in SURFACES[name])
+    for source, limit in ((BOX, 1e-6 if flat else 3e-4), (BALL, 3e-4)):
+        points = inside(source)
+        scene = ck.Scene(source, ck.ScreenedPoisson(linear), boundaries, edge=ck.Dirichlet(linear))
+        found = ck.solve(scene, 0.4, form="galerkin")
+        assert np.abs(found.evaluate(points) - linear(points)).max() < limit, source
+
+
+@pytest.mark.parametrize("kind", ["values", "a jump"])
+def test_a_sphere_across_a_ball_is_of_third_order(kind):
+    center, spacings, errors = np.array([1.0, 0.05, -0.02]), [0.4, 0.28, 0.2], []
+
+    def is_in(x):
+        return np.linalg.norm(x - center, axis=1) < 1
+
+    conditions = {"across": ck.Transmission(jump=-1.0)}
+    if kind == "values":
+        conditions = {"left": ck.Dirichlet(u), "right": ck.Dirichlet(lambda x: u(x) + 1)}
+    problem = ck.ScreenedPoisson(lambda x: f(x) + is_in(x))
+    boundary = ck.Boundary("c", sphere(1.0, *center), **conditions)
+    scene = ck.Scene(BALL, problem, [boundary], edge=ck.Dirichlet(lambda x: u(x) + is_in(x)))
+    points = inside(BALL)
+    for spacing in spacings:
+        found = ck.solve(scene, spacing)
+        assert found.discretized.form == "galerkin"
+        assert found.report.iterations < 35
+        errors.append(float(np.abs(found.evaluate(points) - u(points) - is_in(points)).max()))
+    assert order_of(spacings, errors) > 2.6
+    assert errors[-1] < 4e-4
+    assert 0.5 < float(np.max(found.error.largest)) * np.ptp(found.evaluate(points)) / errors[-1] < 3
+
+
+def test_each_of_four_pieces_has_a_solution_of_its_own():
+    """Two planes that cross in a box: a linear function plus another constant on each piece, by fluxes on all sides."""
+    slope, normals = np.array([1.0, -0.7, 0.4]), np.stack([Z @ TURN, Z @ TURN[[2, 0, 1]]])
+    heights, constants = np.array([0.13, -0.1]), np.array([0.4, -0.8])
+
+    def exact(x):
+        return x @ slope + (x @ normals.T > heights) @ constants
+
+    boundaries = []
+    for name, normal, height in zip("ab", normals, heights, strict=True):
+        surface = plate(*WIDE, height, TURN if name == "a" else TURN[[2, 0, 1]])
+        flux = float(slope @ normal)  # normals of the plate point to its left
+        boundaries.append(ck.Boundary(name, surface, left=ck.Neumann(-flux), right=ck.Neumann(flux)))
+    scene = ck.Scene(BOX, ck.ScreenedPoisson(exact), boundaries, edge=ck.Dirichlet(exact))
+    found = ck.solve(scene, 0.4)
+    points = inside(BOX)
+    points = points[np.abs(points @ normals.T - heights).min(axis=1) > 1e-6]
+    assert np.abs(found.evaluate(points) - exact(points)).max() < 1e-6
+    assert found.flux("a", "left") + found.flux("a", "right") == pytest.approx(0.0, abs=1e-6)
+
+
+def test_an_insulated_wall_through_a_box_keeps_heat_and_divides_the_modes():
+    wall = ck.Boundary("wall", plate(*WIDE, 0.1), both=ck.Neumann(0.0))
+    insulated = ck.Neumann(0.0)
+    problem = ck.Heat(lambda x: (x[:, 2] < 0.1) * (1 + x[:, 1]), until=0.2, step=0.05)
+    heat = ck.solve(ck.Scene(BOX, problem, [wall], edge=insulated), 0.3)
+    points = inside(BOX)
+    assert np.abs(heat.evaluate(points[points[:, 2] > 0.1])).max() < 1e-6
+    assert heat.integrate() == pytest.approx(4.4, rel=1e-9)
+    modes = ck.solve(ck.Scene(BOX, ck.Eigen(count=6), [wall], edge=insulated), 0.3)
+    assert modes.eigenvalues == pytest.approx([0.0, 0.0, *[np.pi**2 / 4] * 4], abs=2e-3)
+
+
+def test_the_order_and_the_place_of_surfaces_do_not_matter():
+    surfaces = SURFACES["two planes that cross"]
+    conditions = [{"across": ck.Transmission(resistance=0.5)}, {"both": ck.Dirichlet(1.0)}]
+    points, values = inside(BALL), []
+    points = points[np.abs(points @ np.stack([Z, Z @ TURN[[2, 0, 1]]]).T - [0.13, 0.1]).min(axis=1) > 1e-3]
+    for order, move in (([0, 1], [0.0, 0.0, 0.0]), ([1, 0], [0.0, 0.0, 0.0]), ([0, 1], [0.31, 0.17, -0.07])):
+        moved = [ck.source("moved", of=source, translation=move) for source in (BALL, *surfaces)]
+        boundaries = [ck.Boundary(f"b{k}", moved[k + 1], **conditions[k]) for k in order]
+        scene = ck.Scene(moved[0], ck.ScreenedPoisson(1.0), boundaries, edge=ck.Dirichlet(0.0))
+        values.append(ck.solve(scene, 0.3).evaluate(points + move))
+    assert np.abs(values[1] - values[0]).max() < 2e-3
+    assert np.abs(values[2] - values[0]).max() < 2e-3
+
+
+def test_a_fracture_across_a_ball_conducts():
+    """A disc in the plane z = 0 of a ball, both with u = x: what the disc has is no source on either side."""
+    disc = ck.source("trimmed", of=plate(*WIDE, 0.0), where="x**2 + y**2 < 1")
+    both = ck.source("union", members=[BALL, disc])
+    found = ck.solve(
+        ck.Scene(both, ck.Elliptic(f=0.0, diffusivity=ck.MemberData(both, [1.0, 5.0])), edge=ck.Dirichlet("x")), 0.4
+    )
+    assert found.discretized.form == "galerkin"
+    points = inside(BALL)
+    assert np.abs(found.of_dimension(3).evaluate(points) - points[:, 0]).max() < 1e-3
+
+
+def test_surfaces_that_are_refused():
+    crossing = [[-0.4, -0.4, 0], [0.4, -0.4, 0], [0, 0.4, 0], [-0.4, 0, -0.3], [0.4, 0, -0.3], [0, 0.1, 0.4]]
+    refused = {
+        "crosses itself near": mesh(crossing, [[0, 1, 2], [3, 4, 5]]),
+        "lies outside the solid": sphere(0.3, 3.0, 0.0, 0.0),
+        "or they are nearly tangent there": sphere(0.5, 0.4999, 0.0, 0.0),
+    }
+    for words, surface in refused.items():
+        scene = ck.Scene(BALL, ck.Laplace(), [ck.Boundary("b", surface, both=1.0)], edge=ck.Dirichlet(0.0))
+        with pytest.raises(ck.SceneError, match=words):
+            ck.solve(scene, 0.3, form="galerkin")
