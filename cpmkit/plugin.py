@@ -33,6 +33,7 @@ if TYPE_CHECKING:  # Abilities of sources
     from cpmkit.manifold.abilities import HasMesh as HasMesh
     from cpmkit.manifold.abilities import HasNormals as HasNormals
     from cpmkit.manifold.abilities import HasSkin as HasSkin
+    from cpmkit.manifold.abilities import HasSmoothSurface as HasSmoothSurface
     from cpmkit.manifold.abilities import HasTangents as HasTangents
     from cpmkit.manifold.abilities import HasTranslation as HasTranslation
     from cpmkit.manifold.abilities import HasValues as HasValues
@@ -152,6 +153,7 @@ if TYPE_CHECKING:  # Forms and back ends
     from cpmkit.linear.operators import CsrOperator as CsrOperator
     from cpmkit.linear.operators import Stiffness as Stiffness
     from cpmkit.manifold.abilities import warnings_of as warnings_of
+    from cpmkit.mesh.mesh import CurvatureSupport as CurvatureSupport
     from cpmkit.mesh.mesh import curvature_support as curvature_support
     from cpmkit.mesh.mesh import vertex_normals as vertex_normals
     from cpmkit.scene.boundary import BoundarySet as BoundarySet

@@ -155,6 +155,14 @@ class HasFacets(Protocol):
         """Return the same mesh read as its flat triangles."""
 
 
+@runtime_checkable
+class HasSmoothSurface(Protocol):
+    """A mesh with closest points on its flat triangles that stands for a smooth surface above them."""
+
+    def smooth_surface(self) -> ClosestPointSource:
+        """Return the same mesh with closest points on that surface: its triangles, curved by their normals."""
+
+
 @dataclass(frozen=True)
 class Advice:
     """The accuracy of a source, and warnings about solutions on it.

@@ -16,6 +16,7 @@ from cpmkit.manifold.abilities import (
     HasLocalMinima,
     HasMembers,
     HasNormals,
+    HasSmoothSurface,
     HasTangents,
     members_of,
 )
@@ -89,6 +90,11 @@ class LocalSource:
     def largest_dim(self) -> int:
         """Dimension of the manifold; of a union the largest of its members'; if unknown, that of the space."""
         return largest_dim(self.source)
+
+    def smooth_surface(self) -> LocalSource:
+        """Return the source with closest points on the smooth surface that it stands for, if they are on flat cells."""
+        source = self.source
+        return replace(self, source=source.smooth_surface()) if isinstance(source, HasSmoothSurface) else self
 
     def dimensions_at(self, feet: ClosestPoints) -> Ints:
         """Return the dimension (n,) of the member that contains each of ``feet``; if unknown, that of the space."""

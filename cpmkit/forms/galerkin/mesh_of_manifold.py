@@ -29,6 +29,8 @@ def mesh_of_manifold(
     returned with their measured noise, and whether it has slight creases.
     """
     source_mesh = source_cells(surface, spacing * longest, spacing * PLAIN_EDGE_SPACINGS)
+    if source_mesh is None or source_mesh.geometry == "closest_point":
+        surface = surface.smooth_surface()
     if source_mesh is not None:
         mesh, repairs = repair_source_mesh(surface, source_mesh.mesh, source_mesh.split)
         return surface, mesh, source_mesh.geometry, tuple(repair_warnings(repairs, source_mesh.geometry))

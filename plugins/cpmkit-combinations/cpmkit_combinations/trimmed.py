@@ -28,7 +28,7 @@ from cpmkit_combinations.cut import check_cuttable, find_zero_set, level_cut
 from cpmkit_combinations.level_cut import CUT_DIFFERENCE_SHARE, LevelCut, PositionFunction, position_function
 from cpmkit_combinations.points import PointSet
 from cpmkit_combinations.trimmed_edge import CurveEdge, TrimmedEdge, clip_mesh, point_edge
-from cpmkit_combinations.wrapper import Wrapper, with_abilities
+from cpmkit_combinations.wrapper import Wrapper, smooth_surface_of, with_abilities
 
 #: Distance from the edge, relative to the size, below which a foot lies on it: four times its deviation or more.
 ON_TRIMMED_EDGE_SHARE = 1e-11
@@ -248,6 +248,7 @@ def trimmed_source(*, of: ClosestPointSource, trim: Any, resolution: int | None 
     ([[1.0, 0.0], [0.6, -0.8]], [0, -1])
     """
     check_cuttable(of, "of")
+    of = smooth_surface_of(of)
     function = position_function(trim, of.dim, "trim")
     cut = level_cut(of, function, "trim", resolution)
     where = find_zero_set(cut)

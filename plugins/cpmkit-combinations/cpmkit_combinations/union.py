@@ -27,7 +27,7 @@ from cpmkit.plugin import (
     shown,
     source_repr,
 )
-from cpmkit_combinations.wrapper import with_abilities
+from cpmkit_combinations.wrapper import smooth_surface_of, with_abilities
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +155,10 @@ class Union:
             for (_, cells), start in zip(meshes, first, strict=False)
         ]
         return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(padded)
+
+    def _smooth_surface(self) -> Union:
+        """Return the union of the smooth surfaces of the members that have one, and of the other members."""
+        return replace(self, members=tuple(map(smooth_surface_of, self.members)))
 
     def _translate(self, offset: Floats, /) -> Union:
         """Return the union of the members moved by ``offset`` (d,)."""

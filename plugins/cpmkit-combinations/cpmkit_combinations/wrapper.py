@@ -8,7 +8,7 @@ passes on. Each combination defines the methods of every ability once, under a p
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from inspect import getattr_static
 from typing import Any, TypeVar
@@ -27,6 +27,7 @@ from cpmkit.plugin import (
     HasMesh,
     HasNormals,
     HasSkin,
+    HasSmoothSurface,
     HasTangents,
     HasTranslation,
     HasValues,
@@ -48,6 +49,11 @@ def always_has(_ability: Any, _sources: tuple[Any, ...]) -> bool:
 def all_have(ability: Any, sources: tuple[Any, ...]) -> bool:
     """Return whether all ``sources`` are instances of the protocol ``ability``."""
     return all(isinstance(source, ability) for source in sources)
+
+
+def any_has(ability: Any, sources: tuple[Any, ...]) -> bool:
+    """Return whether one of ``sources`` is an instance of the protocol ``ability``."""
+    return any(isinstance(source, ability) for source in sources)
 
 
 def have_one_dimension(_ability: Any, sources: tuple[Any, ...]) -> bool:
@@ -123,6 +129,12 @@ ABILITIES: Mapping[type, PassingRules] = {
         solid=always_has,
     ),
     HasFacets: PassingRules(moved=_NOT_READ, union=_NOT_READ, trimmed=_NOT_READ, solid=_NOT_READ),
+    HasSmoothSurface: PassingRules(
+        moved=all_have,
+        union=any_has,
+        trimmed="its closest points and its edge are those of the smooth surface of the whole already",
+        solid=_FILLS,
+    ),
     HasAdvice: PassingRules(moved=always_has, union=always_has, trimmed=always_has, solid=always_has),
 }
 
@@ -170,6 +182,11 @@ def _new_object(base: Any, abilities: tuple[type, ...]) -> Any:
     return cls.__new__(cls)
 
 
+def smooth_surface_of(source: Any) -> Any:
+    """Return the smooth surface for which a source with flat cells stands; any other source itself."""
+    return source.smooth_surface() if isinstance(source, HasSmoothSurface) else source
+
+
 @dataclass(frozen=True, eq=False)
 class Wrapper:
     """A source made from the source ``of``, by default with its dimension, exactness and advice."""
@@ -207,6 +224,10 @@ class Wrapper:
         """The vertices and cells from which the source inside was made."""
         vertices, cells = self.of.given_mesh
         return vertices, cells
+
+    def _smooth_surface(self) -> Any:
+        """Return the same combination of the smooth surface of the source inside."""
+        return replace(self, of=smooth_surface_of(self.of))
 
     def _advice(self, spacing: float, /) -> Advice:
         """Return the error estimates and warnings of the source inside at grid ``spacing``."""

@@ -69,6 +69,9 @@ class Able:
     def given_mesh(self):
         return self.mesh(0.1)
 
+    def smooth_surface(self):
+        return self
+
     def translate(self, offset, /):
         return replace(self, center=self.center + offset)
 

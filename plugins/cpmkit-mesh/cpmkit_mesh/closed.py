@@ -21,7 +21,7 @@ class ClosedTriangleMesh(OrientedTriangleMesh):
         x = as_points(x, 3)
         nearest = self._search(x)
         inside = self._pseudonormals.heights(self._tree, nearest, x) <= 0  # before the nearest points are moved
-        return self._records(nearest, self._move_along_normals(x, nearest)), inside
+        return self._records(x, nearest, self._move_along_normals(x, nearest)), inside
 
     @cached_property
     def _pseudonormals(self) -> Pseudonormals:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
-from cpmkit.plugin import Bools, ClosestPoints, Floats, unit
-from cpmkit_mesh.face_geometry import face_normals, nonmanifold_edges
+from cpmkit.plugin import ClosestPoints, Floats, unit
+from cpmkit_mesh.face_geometry import face_normals
 from cpmkit_mesh.triangles import ON_EDGE_COORDINATE, TriangleMesh
 from cpmkit_mesh.unsupported_edges import support_warnings, tilt_normals_at_unsupported_edges
 
@@ -47,15 +45,6 @@ class OrientedTriangleMesh(TriangleMesh):
         normals = np.full((len(face), 3), np.nan)
         normals[is_flat] = face_normals(self.vertices, self.faces[face[is_flat]])
         return normals
-
-    @cached_property
-    def at_crease(self) -> Bools:
-        """(k,) whether each vertex is at a crease or at an edge of three or more triangles; False on a faceted mesh."""
-        at = np.zeros(len(self.vertices), dtype=bool)
-        if self.smooth:
-            at[self.inner_edges.ends[self.inner_edges.angle > np.deg2rad(self.crease_angle)]] = True
-            at[nonmanifold_edges(self.faces, self.adjacency)] = True
-        return at
 
     @property
     def _normals_to_follow(self) -> Floats:

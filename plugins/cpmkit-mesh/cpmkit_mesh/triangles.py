@@ -16,6 +16,7 @@ from cpmkit.plugin import (
     Ints,
     as_points,
     as_vector,
+    norms,
     one_row_each,
     positive,
     source_repr,
@@ -23,7 +24,7 @@ from cpmkit.plugin import (
 from cpmkit_mesh.box_tree import BoxTree, Nearest, build_tree, translate_tree
 from cpmkit_mesh.engines import Search, nearest_search
 from cpmkit_mesh.error_floors import integral_floor, is_flat_sided, rms_turning_angle, solution_error_floor
-from cpmkit_mesh.face_geometry import InnerEdges, inner_edges
+from cpmkit_mesh.face_geometry import InnerEdges, inner_edges, nonmanifold_edges
 from cpmkit_mesh.interpolated_normals import (
     InterpolatedNormals,
     follow_normals,
@@ -35,6 +36,7 @@ from cpmkit_mesh.mesh_components import face_components
 from cpmkit_mesh.mesh_warnings import closest_point_warnings, mesh_warnings
 from cpmkit_mesh.plane_sections import PlaneSection, plane_section
 from cpmkit_mesh.repair import RepairedMesh
+from cpmkit_mesh.smooth_surface import edge_heights, raise_to_surface
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
 
 #: A closest point with a barycentric coordinate below this lies on the edge opposite that corner.
@@ -90,6 +92,8 @@ class TriangleMesh:
         How far the mesh was moved from where the user gave it.
     given_arrays : (n, 3) float64 and (f, 3) int64
         The user's vertices, before any translation, and faces; some may have been merged or left out since.
+    curved : bool
+        True: closest points lie on the smooth surface above the triangles (:mod:`cpmkit_mesh.smooth_surface`).
     """
 
     repaired: RepairedMesh
@@ -100,6 +104,7 @@ class TriangleMesh:
     crease_angle: float
     shift: Floats
     given_arrays: tuple[Floats, Ints]
+    curved: bool = False
 
     dim = 3
     manifold_dim = 2
@@ -147,7 +152,7 @@ class TriangleMesh:
         """
         x = as_points(x, 3)
         nearest = self._search(x)
-        return self._records(nearest, self._move_along_normals(x, nearest))
+        return self._records(x, nearest, self._move_along_normals(x, nearest))
 
     def local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
         """Return the local minima, up to ``radius``, of the distance from each of ``x`` (n, 3) to the surface.
@@ -169,11 +174,21 @@ class TriangleMesh:
         rows, points = minima.rows, minima.points
         doubtful = self._move_along_normals(x[rows], points)
         distinct = distinct_minima(x, rows, points, float(np.ptp(self.bounds, axis=0).max()))
-        return rows[distinct], self._records(points, doubtful).take(distinct)
+        return rows[distinct], self._records(x[rows], points, doubtful).take(distinct)
 
     def read_as_facets(self) -> TriangleMesh:
         """Return a mesh of the same triangles whose closest points are the nearest points of the triangles."""
-        return replace(self, smooth=False)
+        return replace(self, smooth=False, curved=False)
+
+    def smooth_surface(self) -> TriangleMesh:
+        """Return the same mesh with closest points on its curved triangles; a faceted or curved mesh itself."""
+        if not self.smooth or self.curved:
+            return self
+        made = replace(self, curved=True)
+        made.__dict__["_original"] = self._original
+        heights = np.abs(self._edge_heights).max(initial=0.0)
+        made.__dict__["_bounds"] = self._bounds + [[-heights], [heights]]
+        return made
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return (n, ...) ``values`` (value_count, ...) of the user's vertices, interpolated linearly at ``feet``.
@@ -274,19 +289,38 @@ class TriangleMesh:
         """
         return follow_normals(self._tree, self._interpolated_normals, x, nearest) if self.smooth else None
 
-    def _records(self, points: Nearest, doubtful: Bools | None) -> ClosestPoints:
-        """Return nearest ``points`` as closest point records, by the user's numbers of triangles and winding.
+    @cached_property
+    def _edge_heights(self) -> Floats:
+        """(m, 3) the heights of the smooth surface above the middles of the edges of each triangle."""
+        return edge_heights(self) if self._original is self else self._original._edge_heights
 
-        ``doubtful`` (n,) marks points of which no normal leads to the query; None on a faceted mesh.
+    @cached_property
+    def at_crease(self) -> Bools:
+        """(k,) whether each vertex is at a crease or at an edge of three or more triangles; False on a faceted mesh."""
+        at = np.zeros(len(self.vertices), dtype=bool)
+        if self.smooth:
+            at[self.inner_edges.ends[self.inner_edges.angle > np.deg2rad(self.crease_angle)]] = True
+            at[nonmanifold_edges(self.faces, self.adjacency)] = True
+        return at
+
+    def _records(self, x: Floats, points: Nearest, doubtful: Bools | None) -> ClosestPoints:
+        """Return nearest ``points`` of ``x`` (n, 3) as closest point records, by the user's faces and winding.
+
+        Those of a curved mesh are raised to the smooth surface. ``doubtful`` (n,) marks points of which no normal leads
+        to the query; None on a faceted mesh.
         """
         face = self._tree.order[points.slot]
         local = np.empty((len(face), 3))
         local[:, 1:] = points.local
         local[:, 0] = 1.0 - local[:, 1] - local[:, 2]
-        edge = self._loop_of_point(face, local)
+        edge, position, distance = self._loop_of_point(face, local), points.point, points.distance
+        if self.curved:
+            normals = self._interpolated_normals.normals[points.slot]
+            position = raise_to_surface(position, local, self._edge_heights[face], normals)
+            distance = norms(x - position)
         return ClosestPoints(
-            points.point,
-            points.distance,
+            position,
+            distance,
             edge,
             self.repaired.given_index[face],
             self._to_given_winding(face, local),

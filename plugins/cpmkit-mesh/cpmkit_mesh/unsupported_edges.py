@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.plugin import Bools, Floats, Ints, curvature_support, place, unit
+from cpmkit.plugin import Bools, CurvatureSupport, Floats, Ints, curvature_support, place, unit
 from cpmkit_mesh.corner_normals import LEAST_NEIGHBOUR_SPREAD
 from cpmkit_mesh.face_geometry import double_areas
 
 if TYPE_CHECKING:
     from cpmkit_mesh.oriented import OrientedTriangleMesh
+    from cpmkit_mesh.triangles import TriangleMesh
 
 #: The share of the area in triangles with an unsupported edge above which a warning is given. Boxes with fillets,
 #: capsules and terrain have .6 to 1, smooth shapes and scans 0 to .025.
@@ -64,7 +65,16 @@ def support_warnings(mesh: OrientedTriangleMesh) -> list[str]:
 def _unsupported_edges(mesh: OrientedTriangleMesh) -> tuple[Ints, Bools, Ints]:
     """Return the edges (e, 2), which of them (e,) are unsupported, and the numbers (m, 3) of each face's edges.
 
-    Edge j of a face is opposite its corner j. Edges with an end at a crease are straight, and count as supported.
+    Edges with an end at a crease are straight, and count as supported.
+    """
+    edges, support, of_faces = edge_support(mesh)
+    return edges, support.unsupported() & ~mesh.at_crease[edges].any(axis=1), of_faces
+
+
+def edge_support(mesh: TriangleMesh) -> tuple[Ints, CurvatureSupport, Ints]:
+    """Return the edges (e, 2), the support of the curvature along them, and the numbers (m, 3) of each face's edges.
+
+    Edge j of a face is opposite its corner j.
     """
     faces, count = mesh.faces, len(mesh.vertices)
     starts, ends = faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]  # edge j is opposite to corner j
@@ -73,5 +83,5 @@ def _unsupported_edges(mesh: OrientedTriangleMesh) -> tuple[Ints, Bools, Ints]:
     face, corner = np.divmod(first, 3)
     normals = mesh.normals_at_corners[face[:, None], np.stack([corner + 1, corner + 2], axis=1) % 3]
     edges = np.stack([starts.ravel()[first], ends.ravel()[first]], axis=1)
-    unsupported = curvature_support(mesh.vertices, edges, normals, mesh.at_crease).unsupported()
-    return edges, unsupported & ~mesh.at_crease[edges].any(axis=1), of_faces.reshape(faces.shape)
+    support = curvature_support(mesh.vertices, edges, normals, mesh.at_crease)
+    return edges, support, of_faces.reshape(faces.shape)
