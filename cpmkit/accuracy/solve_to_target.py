@@ -24,6 +24,7 @@ from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
 from cpmkit.families.context import Checkpointing
 from cpmkit.forms.choice import choose_form
+from cpmkit.forms.form_records import LARGE_ERRORS
 from cpmkit.forms.options import AccuracyTarget
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
@@ -194,6 +195,8 @@ def search_solution(run: AdaptiveRun) -> SolutionRecord:
     status, aim = search_spacing(run)
     best = run.last if status in ("reached", "floor") else run.best
     answer = run.with_scene_modes(best.solution)
+    if status == "reached":  # the estimate then shows that errors are not large
+        answer = replace(answer, warnings=tuple(text for text in answer.warnings if not text.startswith(LARGE_ERRORS)))
     if best.estimate is not None and run.measured_floor is not None:
         floor = np.full(len(best.estimate.unit), run.measured_floor)
         best = replace(best, estimate=replace(best.estimate, floor=floor))
@@ -264,7 +267,8 @@ def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: fl
         about = "at most" if estimate is not None and estimate.floor_is_bound else "about"
         return (
             f"tolerance {target.tolerance:g} is below what the surface's representation alone may leave, {about} "
-            f"{100 * aim:.1g} percent of the range at any spacing: {error}{slow}; give a more accurate surface."
+            f"{100 * aim:.1g} percent of the range at any spacing: {error}{slow}; give a more accurate surface, or "
+            "a spacing in place of the tolerance."
             f"{' ' if causes else ''}{causes}"
         )
     if target.tolerance is None:

@@ -107,11 +107,13 @@ class Imbalance:
             return []
         worst = self.value[self.shares.index(self.relative)]
         if self.of == "data":
+            compared = "less" if worst > 0 else "more"
             return [
-                f"The data do not balance on the piece of the manifold {self.where}: the integral of f must equal the "
-                f"flux out of the piece. f exceeds it by {worst:.4g} per unit of measure, {self.relative:.2g} of the "
-                f"data's mean size (the spacing and the source's error explain {self.explained:.2g}); this was "
-                "subtracted from f. Check f and the fluxes."
+                f"The data do not balance on the piece of the manifold {self.where}: no condition gives a value "
+                f"there, so that the fluxes out of it must sum to the integral of f. They sum to {compared} by "
+                f"{abs(worst):.4g} times the measure of the piece, {self.relative:.2g} of the mean size of f and flux "
+                f"(the spacing and the source's error explain {self.explained:.2g}). {worst:.4g} was subtracted from "
+                "f there. Change f or the fluxes, or give a value on a side around the piece."
             ]
         return [
             "The solution leaks at creases or thin parts that the spacing does not resolve; use a smaller one. On a "
@@ -279,8 +281,8 @@ def _checked_data(
 
     f is left out if the equation smooths it; ``vertices`` and ``points`` are as for :func:`data_warnings`.
     """
-    terms, points = form.scene.problem.terms(), points[_compared_rows(len(points))]
-    if not _is_smoothed(form, terms, vertices):
+    terms, read, points = form.scene.problem.terms(), len(points), points[_compared_rows(len(points))]
+    if not _is_smoothed(form, terms, vertices, read):
         yield DataAtPoints(COEFFICIENTS[0], terms.f, points)
     yield DataAtPoints(COEFFICIENTS[1], terms.c, points)
     yield DataAtPoints(COEFFICIENTS[2], terms.diffusivity, points)
@@ -295,9 +297,11 @@ def _sides(form: Discretized, points: Floats) -> Floats:
     return np.sign(np.nan_to_num(np.stack(distances, axis=1)))
 
 
-def _is_smoothed(form: Discretized, terms: Terms, vertices: int) -> bool:
-    """Return whether f are values at ``vertices`` all of which are integrated, and u is f smoothed over two spacings.
+def _is_smoothed(form: Discretized, terms: Terms, vertices: int, read: int) -> bool:
+    """Return whether f are values at ``vertices`` or points, all integrated, and u is f smoothed over two spacings.
 
+    ``read`` is the number of points at which f is read; values at fewer points are all integrated, each over the places
+    nearest to it.
     With constant c and diffusivity a, u is f / c smoothed over the length sqrt(a / c). On white noise, u then differs
     by 0.06 to 0.15 of its own root mean square from the exact solution, which has more of the shortest waves.
     """
@@ -305,6 +309,7 @@ def _is_smoothed(form: Discretized, terms: Terms, vertices: int) -> bool:
     if not (isinstance(problem, (ScreenedPoisson, Elliptic)) and isinstance(f, VertexData) and isinstance(a, float)):
         return False
     given = f.source is form.scene.surface and len(f.values) <= vertices
+    given |= f.source.manifold_dim == 0 and len(f.values) <= read
     return given and isinstance(c, float) and 0 < c * (2 * form.spacing) ** 2 <= (1 + ROUNDING) * a
 
 

@@ -8,6 +8,9 @@ from typing import Any, ClassVar, Protocol
 
 from cpmkit.types import Floats
 
+#: The first words of a form's warning that errors may be large, which an error estimate within a tolerance refutes.
+LARGE_ERRORS = "Errors may be large"
+
 
 @dataclass(frozen=True, eq=False)
 class StateDependentCoefficient:

@@ -71,7 +71,7 @@ def _compilation_listener(base: type) -> Any:
         """Report the kernel whose compilation has started; ``started`` is numba's event."""
         if not kernels:
             logger.info(
-                "Kernels are compiled at their first use, which takes some twenty seconds; they are kept on disk."
+                "Kernels are compiled at their first use, which takes up to some minutes; they are kept on disk."
             )
         kernels.append(str(started.data["dispatcher"].py_func.__name__))
         logger.debug("The kernel %s is compiled.", kernels[-1])

@@ -139,7 +139,8 @@ class VertexArrays:
             known = "carries no values" if self.count is None else f"has {self.count} vertices"
             raise SceneError(
                 f"{label} is an array of shape {array.shape}, and the surface {known}; give one row a vertex, a "
-                "function of points, ck.VertexData of another source, or a list of channels."
+                'function of points, a list of channels, or, for values at points X, ck.VertexData(ck.source("points", '
+                "at=X), values)."
             )
         return array
 

@@ -27,7 +27,7 @@ GREY = "#777777"
 
 
 def convergence_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return a figure of largest errors over spacing, log-log, with fitted orders and dotted slopes 1 and 2."""
+    """Return a figure of largest errors over spacing, log-log, with fitted orders and dotted slopes 1 to 3."""
     figure, (axes,) = _empty_figure(title, 1)
     _draw_slopes(axes, series)
     for number, each in enumerate(series):
@@ -113,13 +113,13 @@ def _plot_series(axes: Any, number: int, x: Sequence[float], y: Sequence[float],
 
 
 def _draw_slopes(axes: Any, series: Sequence[Series]) -> None:
-    """Add dotted lines of slopes 1 and 2 that end at the mean of positive coarsest errors, if spacings differ."""
+    """Add dotted lines of slopes 1 to 3 that end at the mean of positive coarsest errors, if spacings differ."""
     spacings = np.array(sorted({spacing for one in series for spacing in one.spacings}))
     coarsest = [one.errors[0] for one in series if one.errors[0] > 0]
     if len(spacings) == 1 or not coarsest:
         return
     start = np.exp(np.mean(np.log(coarsest)))
-    for slope in (1, 2):
+    for slope in (1, 2, 3):
         errors = start * (spacings / spacings[-1]) ** slope
         axes.plot(spacings, errors, color=GREY, linestyle=":", linewidth=1.2)
         axes.annotate(

@@ -170,11 +170,21 @@ def test_a_time_of_nothing_is_answered_by_the_pilots():
     assert trade.status == "not reached"
 
 
+def test_a_tolerance_that_is_reached_is_not_contradicted_by_a_warning_of_large_errors():
+    """At the spacings that serve for a tolerance of 1e-2, a plain torus counts as folded."""
+    scene = ck.Scene(ck.source("analytic.torus", minor=0.3), ck.ScreenedPoisson("x"))
+    solution = ck.solve(scene, tolerance=1e-2)
+    assert solution.solve_history.status == "reached"
+    with pytest.warns(ck.CpmkitWarning, match="Errors may be large"):
+        ck.solve(scene, spacing=solution.spacing)
+    assert not solution.warnings
+
+
 def test_what_a_representation_leaves_is_the_floor():
     vertices, faces = SPHERE.mesh(0.5)
     coarse = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="smooth")
     scene = ck.Scene(coarse, ck.ScreenedPoisson(lambda x: 3 * x[:, 2]))
-    with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone may leave"):
+    with pytest.warns(ck.CpmkitWarning, match="below what the .* may leave, .* or a spacing in place of"):
         solution = ck.solve(scene, tolerance=1e-9)
     assert solution.solve_history.status == "floor"
     assert solution.discretized.size < 100_000

@@ -166,6 +166,17 @@ def test_noise_at_vertices_that_the_equation_smooths_over_two_spacings_is_not():
     assert told(ck.solve(ck.Scene(surface, blur), 0.3, form="collocation"))
 
 
+def test_noise_at_points_that_the_equation_smooths_over_two_spacings_is_not():
+    points, length = sphere_points(1500), 0.2
+    data = ck.VertexData(ck.source("points", at=points), np.random.default_rng(0).normal(size=1500) / length**2)
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(data, c=1 / length**2))
+    coarse, fine = (ck.solve(scene, spacing=spacing) for spacing in (0.1, 0.05))
+    assert not coarse.warnings
+    assert np.sqrt(np.mean((coarse.evaluate(points) - fine.evaluate(points)) ** 2)) < 0.02
+    with pytest.warns(ck.CpmkitWarning, match="varies within a spacing"):
+        ck.solve(scene, spacing=0.2)
+
+
 def test_data_that_are_not_finite_are_refused_with_a_place():
     points = np.array([[0, 0, 0.5], [0, 0, 1.0], [0, 0, 2.0]])
     with pytest.raises(ck.InputError, match=r"the load must be finite, got NaN or infinity at \(0, 0, 1\)\."):

@@ -277,7 +277,7 @@ def test_figures_hold_the_records_and_reference_slopes():
     assert np.allclose(second.get_xydata(), [(h, h**2) for h in (0.2, 0.1, 0.05)])
     dotted = [line for line in axes.lines if line.get_linestyle() == ":"]
     slopes = [np.diff(np.log(line.get_ydata()))[0] / np.diff(np.log(line.get_xdata()))[0] for line in dotted]
-    assert np.allclose(slopes, [1, 2])
+    assert np.allclose(slopes, [1, 2, 3])
     solid = [line for line in axes.lines if line not in dotted]
     assert len({line.get_linestyle() for line in solid}) == len({line.get_color() for line in solid}) == 2
     left, right = report.work_figure(series, "Made up").axes

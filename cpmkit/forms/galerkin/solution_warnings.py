@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import place
+from cpmkit.forms.form_records import LARGE_ERRORS
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_law
 from cpmkit.forms.galerkin.dof_map import ISOLATED_SPACINGS, DofMap
@@ -178,8 +179,8 @@ def fold_warnings(spread: NormalSpread, lattice: Lattice) -> Iterator[str]:
     """Yield a warning if much of the manifold is thin, folded or creased on the lattice."""
     if spread.unresolved_share > FOLDED_SHARE:
         yield (
-            "Errors may be large, and fall slowly, where the manifold is thin, folded or creased on this lattice; use "
-            f"a smaller spacing. {spread.unresolved_share:.0%} of it lies on splines that see it from several sides, "
+            f"{LARGE_ERRORS}, and fall slowly, where the manifold is thin, folded or creased on this lattice; use a "
+            f"smaller spacing. {spread.unresolved_share:.0%} of it lies on splines that see it from several sides, "
             f"most near {place(lattice.to_scene(spread.place))}; at a fold up to three spacings of the way along the "
             "manifold may be missing."
         )

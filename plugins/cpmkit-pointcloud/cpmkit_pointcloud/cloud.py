@@ -199,7 +199,7 @@ class PointCloud:
         if self.closed and ends:
             sentences.append(
                 f"At {ends} of {target} samples of the cloud that were looked at the surface ends: if it is open, set "
-                "closed = false; if not, samples lack there."
+                "closed=False; if not, samples lack there."
             )
         return sentences
 

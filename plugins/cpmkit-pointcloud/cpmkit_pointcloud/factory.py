@@ -139,6 +139,6 @@ def _refuse_open(cloud: PointCloud) -> None:
     ends, target = cloud.open_samples
     if ends > OPEN_RIM_SHARE * target:
         raise InputError(
-            f"The cloud is open: at {ends} of {target} samples the surface ends; set closed = false, which gives it a "
+            f"The cloud is open: at {ends} of {target} samples the surface ends; set closed=False, which gives it a "
             "rim, or add the samples that lack."
         )

@@ -89,7 +89,7 @@ def test_distance_is_the_feets_own_up_to_the_trusted_one_and_a_lower_bound_beyon
     ids=["half", "hole", "random", "curve"],
 )
 def test_an_open_cloud_must_be_said_to_be_open(cloud):
-    with pytest.raises(InputError, match=r"The cloud is open: at \d+ of \d+ samples .* set closed = false"):
+    with pytest.raises(InputError, match=r"The cloud is open: at \d+ of \d+ samples .* set closed=False"):
         points(points=cloud)
     assert points(points=cloud, closed=False).open_samples[0] > 0
 
