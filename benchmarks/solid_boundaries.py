@@ -110,6 +110,7 @@ ROUND = (
     ("circle in a disk", 2, DISK, [0.1, 0.05], 0.5),
     ("arc across a disk", 2, DISK, [1.0, 0.05], 1.0),
     ("sphere in a ball", 3, BALL, [0.1, 0.05, 0.0], 0.5),
+    ("sphere across a ball", 3, BALL, [1.0, 0.05, 0.0], 1.0),
 )
 SCENES = [
     *(

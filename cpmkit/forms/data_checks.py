@@ -107,13 +107,12 @@ class Imbalance:
             return []
         worst = self.value[self.shares.index(self.relative)]
         if self.of == "data":
-            compared = "less" if worst > 0 else "more"
             return [
                 f"The data do not balance on the piece of the manifold {self.where}: no condition gives a value "
-                f"there, so that the fluxes out of it must sum to the integral of f. They sum to {compared} by "
-                f"{abs(worst):.4g} times the measure of the piece, {self.relative:.2g} of the mean size of f and flux "
-                f"(the spacing and the source's error explain {self.explained:.2g}). {worst:.4g} was subtracted from "
-                "f there. Change f or the fluxes, or give a value on a side around the piece."
+                f"there, so that the integrals of f and of du/db must add up to zero. They add up to {worst:.4g} times "
+                f"the measure of the piece, a share of {self.relative:.2g} of the mean size of f and flux (the spacing "
+                f"and the source's error explain {self.explained:.2g}). {worst:.4g} was subtracted from f there. "
+                "Change f or the fluxes, or give a value on a side around the piece."
             ]
         return [
             "The solution leaks at creases or thin parts that the spacing does not resolve; use a smaller one. On a "

@@ -211,7 +211,13 @@ def add_upper_faces(components: Ints, cells: Ints, moments: Floats, geometry: Ge
                     for i in range(MOMENTS):
                         for j in range(MOMENTS):
                             moments[row, 0, MOMENTS * i + j] += length * GAUSS_WEIGHTS[g] * first[i] * second[j]
-                if abs(normals[p, 2]) <= 1e-12 * size:
+                along = max(abs(corners[at, 1] - cell[1] - 0.5), abs(corners[following, 1] - cell[1] - 0.5)) <= IN_FACE
+                if along:  # in the upper edge: as if before it, so that it is not left where the segment ends
+                    for end, other in ((at, following), (following, at)):
+                        if abs(corners[end, 2] - cell[2] - 0.5) > IN_FACE:
+                            evaluate(LEGENDRE_INTEGRALS, corners[end, 2] - cell[2] + 0.5, second)
+                            edge -= np.sign(normals[p, 1]) * np.sign(corners[end, 2] - corners[other, 2]) * second
+                if along or abs(normals[p, 2]) <= 1e-12 * size:
                     continue
                 for end in (at, following):
                     if abs(corners[end, 1] - cell[1] - 0.5) <= IN_FACE:

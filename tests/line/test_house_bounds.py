@@ -3,8 +3,9 @@
 import measure_house as measure
 import pytest
 
-#: Lines that the core may have, a tenth above the 50,000 that it has. Raise it with a reason here.
-LINES = 55_000
+#: Lines that the core may have. Raise it with a reason here: 55,000 were a tenth above what the core was to have;
+#: surfaces that meet in solids took 800 more.
+LINES = 56_000
 #: Private words in identifiers of the core and the plugins: the deprecated aliases ``told`` and ``asked``.
 PRIVATE_NAMES = 6
 

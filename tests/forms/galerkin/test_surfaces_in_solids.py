@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from model_problems import order_of
-from solid_problems import f, gradient, u
+from solid_problems import f, u
 
 import cpmkit as ck
 
@@ -75,8 +75,7 @@ def test_linear_functions_pass_every_surface_unchanged(number, name):
     """To rounding in a box; on a ball to the error of its skin without any surface."""
     condition = [{"across": ck.Transmission()}, {"both": ck.Dirichlet(linear)}][number % 2]
     boundaries = [ck.Boundary(f"b{k}", surface, **condition) for k, surface in enumerate(SURFACES[name])]
-    flat = all(surface.__class__.__name__ != "Sphere" for surface in SURFACES[name])
-    for source, limit in ((BOX, 1e-6 if flat else 3e-4), (BALL, 3e-4)):
+    for source, limit in ((BOX, 5e-4 if "sphere" in name else 1e-6), (BALL, 5e-4)):
         points = inside(source)
         scene = ck.Scene(source, ck.ScreenedPoisson(linear), boundaries, edge=ck.Dirichlet(linear))
         found = ck.solve(scene, 0.4, form="galerkin")
@@ -142,25 +141,26 @@ def test_an_insulated_wall_through_a_box_keeps_heat_and_divides_the_modes():
 
 def test_the_order_and_the_place_of_surfaces_do_not_matter():
     surfaces = SURFACES["two planes that cross"]
-    conditions = [{"across": ck.Transmission(resistance=0.5)}, {"both": ck.Dirichlet(1.0)}]
     points, values = inside(BALL), []
     points = points[np.abs(points @ np.stack([Z, Z @ TURN[[2, 0, 1]]]).T - [0.13, 0.1]).min(axis=1) > 1e-3]
-    for order, move in (([0, 1], [0.0, 0.0, 0.0]), ([1, 0], [0.0, 0.0, 0.0]), ([0, 1], [0.31, 0.17, -0.07])):
+    for order, move in (([0, 1], np.zeros(3)), ([1, 0], np.zeros(3)), ([0, 1], np.array([0.31, 0.17, -0.07]))):
         moved = [ck.source("moved", of=source, translation=move) for source in (BALL, *surfaces)]
+        data = ck.Dirichlet(lambda x, move=move: linear(x - move))
+        conditions = [{"across": ck.Transmission(resistance=0.5)}, {"both": data}]
         boundaries = [ck.Boundary(f"b{k}", moved[k + 1], **conditions[k]) for k in order]
-        scene = ck.Scene(moved[0], ck.ScreenedPoisson(1.0), boundaries, edge=ck.Dirichlet(0.0))
-        values.append(ck.solve(scene, 0.3).evaluate(points + move))
+        values.append(ck.solve(ck.Scene(moved[0], ck.ScreenedPoisson(1.0), boundaries), 0.3).evaluate(points + move))
     assert np.abs(values[1] - values[0]).max() < 2e-3
     assert np.abs(values[2] - values[0]).max() < 2e-3
 
 
 def test_a_fracture_across_a_ball_conducts():
     """A disc in the plane z = 0 of a ball, both with u = x: what the disc has is no source on either side."""
-    disc = ck.source("trimmed", of=plate(*WIDE, 0.0), where="x**2 + y**2 < 1")
+    angle = 2 * np.pi * np.arange(64) / 64
+    rim = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(64)])
+    disc = mesh([*rim, [0.0, 0.0, 0.0]], [[k, (k + 1) % 64, 64] for k in range(64)])
     both = ck.source("union", members=[BALL, disc])
-    found = ck.solve(
-        ck.Scene(both, ck.Elliptic(f=0.0, diffusivity=ck.MemberData(both, [1.0, 5.0])), edge=ck.Dirichlet("x")), 0.4
-    )
+    problem = ck.Elliptic(f=0.0, diffusivity=ck.MemberData(both, [1.0, 5.0]))
+    found = ck.solve(ck.Scene(both, problem, edge=ck.Dirichlet("x")), 0.4)
     assert found.discretized.form == "galerkin"
     points = inside(BALL)
     assert np.abs(found.of_dimension(3).evaluate(points) - points[:, 0]).max() < 1e-3
@@ -171,7 +171,7 @@ def test_surfaces_that_are_refused():
     refused = {
         "crosses itself near": mesh(crossing, [[0, 1, 2], [3, 4, 5]]),
         "lies outside the solid": sphere(0.3, 3.0, 0.0, 0.0),
-        "or they are nearly tangent there": sphere(0.5, 0.4999, 0.0, 0.0),
+        "or they are nearly tangent there": sphere(1.0, 0.02, 0.0, 0.0),
     }
     for words, surface in refused.items():
         scene = ck.Scene(BALL, ck.Laplace(), [ck.Boundary("b", surface, both=1.0)], edge=ck.Dirichlet(0.0))

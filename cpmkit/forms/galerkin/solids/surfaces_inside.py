@@ -46,7 +46,9 @@ FINENESSES = (1.0, 0.8, 0.6)
 LONGEST_EXTENSION = 1.5
 #: A triangle of a surface inside with its corners on the skin is left out if its centre is nearer to it than this share
 #: of its size.
-THIN_SHARE = 0.05
+THIN_SHARE = 0.12
+#: A triangle that turns over does no harm if one of its edges is shorter than this, in spacings.
+LEAST_EDGE = 0.05
 #: Triangles beside an edge where surfaces meet are halved where their area elements are below this share of flat ones,
 LEAST_AREA_SHARE = 0.15
 #: at most so often.
@@ -247,8 +249,9 @@ def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice
             return matched
         for mesh, edges in ((matched.base, matched.number[matched.chain]), (matched.other, matched.chain)):
             turned = turned_cells(mesh, edges, 0.0)
-            if len(turned):
-                return np.asarray(mesh.vertices[mesh.cells[turned[0]]].mean(axis=0))
+            large = turned[mesh.lengths_of_cells[turned].min(axis=1) > LEAST_EDGE * lattice.spacing]
+            if len(large):
+                return np.asarray(mesh.vertices[mesh.cells[large[0]]].mean(axis=0))
         whole = whole.take(matched.parent, matched.base)
         own, number = own.take(matched.other_parent, matched.other), matched.number
     new = number < 0
@@ -265,12 +268,12 @@ def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice
 def _unclosed(whole: OwnedMesh) -> Floats | None:
     """Return a place (3,) where triangles and both sides of surfaces inside enclose no sectors; None if they all do."""
     skin, inside = (_part_of(whole.mesh, whole.owner < 0), _with_both_sides(_part_of(whole.mesh, whole.owner >= 0)))
-    cells, midpoints = (
-        np.concatenate([getattr(each, name) for each in (skin, inside)]) for name in ("cells", "midpoints")
-    )
-    mesh = quartered(Mesh.of(whole.mesh.vertices, cells, midpoints))
-    is_open = sector_facets(mesh)[1].any(axis=1)
-    return np.asarray(mesh.vertices[mesh.cells[np.argmax(is_open)]].mean(axis=0)) if is_open.any() else None
+    curved = _joined_cells(whole.mesh.vertices, [skin, inside])
+    for mesh in (quartered(curved), curved):
+        is_open = sector_facets(mesh)[1].any(axis=1)
+        if is_open.any():
+            return np.asarray(mesh.vertices[mesh.cells[np.argmax(is_open)]].mean(axis=0))
+    return None
 
 
 def _split_along(whole: OwnedMesh, surface: QuadraticSurface, lattice: Lattice) -> tuple[OwnedMesh, Ints]:
