@@ -81,6 +81,7 @@ class SolidPatches:
     side_starts: Ints
     patch_starts: Ints  #: (c + 1,): the first patch of each cell of the table.
     full: Ints  #: (f, d): the cells inside the solid.
+    merged: Bools  #: (c,): whether the parts of a cell are taken as one, since their volumes were wrong.
 
     @property
     def cut(self) -> int:
@@ -280,14 +281,15 @@ def solid_patches(pieces: SkinPieces) -> SolidPatches:
     geometry = geometry_of(pieces, components)
     parts = group_components(components.starts, part, is_inner, side_starts, geometry)
     patch_starts = np.concatenate([[0], np.cumsum(parts)])
-    first = SolidPatches(pieces, table, components, part, is_inner, side_starts, patch_starts, table.cells[:0])
+    merged = np.zeros(len(parts), dtype=bool)
+    first = SolidPatches(pieces, table, components, part, is_inner, side_starts, patch_starts, table.cells[:0], merged)
     wrong = first.has_wrong_volume()
     if wrong.any():
         part[wrong[components.row]] = 0
         patch_starts = np.concatenate([[0], np.cumsum(np.where(wrong, 1, parts))])
         first = replace(first, patch_starts=patch_starts)
     full = full_cells(table, first.face_shares[0][:, 0])
-    return SolidPatches(pieces, table, components, part, is_inner, side_starts, patch_starts, full)
+    return SolidPatches(pieces, table, components, part, is_inner, side_starts, patch_starts, full, wrong)
 
 
 def geometry_of(pieces: SkinPieces, components: Components) -> Geometry:

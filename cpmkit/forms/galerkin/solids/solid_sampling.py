@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.errors import SceneError, place
+from cpmkit.errors import ResolutionError, SceneError, place
 from cpmkit.forms.galerkin.conditions.imposed_conditions import imposed_conditions, part_function
 from cpmkit.forms.galerkin.dof_map import (
     DofMap,
@@ -110,6 +110,8 @@ def sample_solid(scene: Scene, options: Options[GalerkinOptions]) -> SampledSoli
     patches, further = solid_patches(pieces[0]), pieces[1] if len(pieces) > 1 else None
     moments, sums = patches.moments(further)
     _check_skin(patches, moments, sums, lattice)
+    if names:
+        _check_parts(patches, skin, lattice)
     inside = _inside_samples(patches, moments, lattice.spacing)
     boundary, left = skin_samples(skin, patches, lattice.spacing)
     conditions = imposed_conditions(scene, boundary, left, surface, lattice)
@@ -169,6 +171,32 @@ def _check_skin(patches: SolidPatches, moments: Floats, sums: Floats, lattice: L
         if excess[worst] > most:
             at = place(lattice.to_scene(lattice.spacing * patches.table.cells[worst]))
             raise SceneError(f"the boundary of the solid {words.format(at)}, or use form='collocation'.")
+
+
+def _check_parts(patches: SolidPatches, skin: Skin, lattice: Lattice) -> None:
+    """Raise ResolutionError, with a place, if the solid would leak through a boundary inside.
+
+    The parts of a cell that it divides were merged, or one bounds both its sides where it is not continued past a tip.
+    """
+    pieces = patches.pieces
+    facet = pieces.facet % len(skin.owner)
+    own = np.flatnonzero((skin.owner[facet] >= 0) & ~pieces.in_face)
+    facet, patch = facet[own], patches.of_piece[own]
+    leaking = np.zeros(len(patches.table.cells), dtype=bool)
+    leaking[patches.table.find(pieces.cell[own])] = True
+    leaking &= patches.merged
+    pairs, number = np.unique(patch * (skin.owner.max() + 1) + skin.owner[facet], return_inverse=True)
+    counts = np.bincount(number, minlength=len(pairs))
+    left, beyond = (np.bincount(number, each[facet], len(pairs)) for each in (skin.left, skin.beyond_tip))
+    is_both = (left > 0) & (left < counts) & (beyond == 0)
+    both = patch[is_both[number]] if patches.cells.shape[1] == 3 else patch[:0]  # curves may cross themselves
+    leaking[patches.table.find(patches.cells[both])] = True
+    if leaking.any():
+        at = place(lattice.to_scene(lattice.spacing * patches.table.cells[np.argmax(leaking)]))
+        raise ResolutionError(
+            f"at spacing={lattice.spacing:g} the sides of a boundary inside cannot be distinguished near {at}; use "
+            "another spacing or origin, or form='collocation'."
+        )
 
 
 def _inside_samples(patches: SolidPatches, moments: Floats, spacing: float) -> Samples:

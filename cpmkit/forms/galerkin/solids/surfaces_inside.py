@@ -6,9 +6,8 @@ kept, both are split where they meet, and get common vertices and edges there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from cpmkit.forms.galerkin.solids.skin import FlatPart, Skin, straight_midpoints
 from cpmkit.forms.galerkin.solids.tip_extensions import EXTENDED_SPACINGS, with_extended_rims
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import norms
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.crossing_triangles import edges_through_triangles
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.sectors import sector_facets
@@ -113,22 +112,19 @@ def with_surfaces_inside(
     outer, earlier = QuadraticSurface(whole.mesh), list[QuadraticSurface]()
     for number, part in enumerate(inside):
         _check_simple(part, names[number], lattice)
-        for fineness, extension in product(FINENESSES, EXTENSION_SHARES):
-            near = _near_solid(part, solid, names[number], fineness, lattice)
-            own = _continued(near, part, number, extension * EXTENDED_SPACINGS * lattice.spacing, lattice)
-            if own is None:
-                continue
+        for own in _continuations(part, number, names[number], solid, lattice):
             surface = QuadraticSurface(own.mesh)
             base, own = _pierced(whole, own, lattice), _pierced(own, whole, lattice)
-            own = _split_at_earlier(_trimmed(own, outer, solid, names[number], lattice), earlier, lattice)
-            joined = _joined(base, own, surface, lattice)
+            joined = _trimmed(own, outer, solid, names[number], lattice)
+            if isinstance(joined, OwnedMesh):
+                joined = _joined(base, _split_at_earlier(joined, earlier, lattice), surface, lattice)
             if isinstance(joined, OwnedMesh):
                 break
         if not isinstance(joined, OwnedMesh):
             raise ResolutionError(
                 f"spacing={lattice.spacing:g} is too coarse for where boundary {names[number]!r} meets the boundary of "
-                f"the solid, or another one, near {place(lattice.to_scene(joined))}, or they are nearly tangent there; "
-                f"use spacing={0.5 * lattice.spacing:g} or less, or form='collocation'."
+                f"the solid, another boundary or itself, near {place(lattice.to_scene(joined))}, or they are nearly "
+                f"tangent there; use spacing={0.5 * lattice.spacing:g} or less, or form='collocation'."
             )
         whole = joined
         earlier.append(surface)
@@ -152,9 +148,9 @@ def _quadratic(mesh: Mesh) -> Mesh:
     return mesh if mesh.midpoints is not None else mesh.with_same_cells(midpoints=straight_midpoints(mesh))
 
 
-def _near_solid(part: FlatPart, solid: LocalSource, name: str, fineness: float, lattice: Lattice) -> Mesh:
-    """Return the quadratic triangles of a surface, without those far outside of the ``solid``."""
-    mesh = _quadratic(part.curved(lattice, divided=True, share=fineness))
+def _near_solid(own: OwnedMesh, solid: LocalSource, name: str) -> OwnedMesh:
+    """Return the triangles of a surface without those far outside of the ``solid``."""
+    mesh = own.mesh
     feet = solid.closest_point(mesh.vertices)
     far = (feet.edge >= 0) & (feet.distance > 2 * mesh.edge_lengths.max())
     near = ~far[mesh.cells].all(axis=1)
@@ -162,25 +158,51 @@ def _near_solid(part: FlatPart, solid: LocalSource, name: str, fineness: float, 
         raise SceneError(OUTSIDE.format(name))
     used, cells = np.unique(mesh.cells[near], return_inverse=True)
     assert mesh.midpoints is not None
-    return Mesh.of(mesh.vertices[used], cells.reshape(-1, 3), mesh.midpoints[near])
+    part = Mesh.of(mesh.vertices[used], cells.reshape(-1, 3), mesh.midpoints[near])
+    return OwnedMesh(part, own.owner[near], own.beyond[near])
 
 
-def _continued(mesh: Mesh, part: FlatPart, number: int, length: float, lattice: Lattice) -> OwnedMesh | None:
-    """Return the triangles of surface ``number`` with its rims extended by ``length``; None if it would meet itself."""
-    wide, beyond = mesh, np.zeros(len(mesh.cells), dtype=bool)
-    if length > 0:
-        wide, beyond = with_extended_rims(mesh, length)
-        ends = wide.vertices[len(mesh.vertices) :]
-        if part.source.closest_point(ends).distance.min(initial=np.inf) <= RIM_SHARE * length:
-            return None
+def _continuations(part: FlatPart, number: int, name: str, solid: LocalSource, lattice: Lattice) -> Iterator[OwnedMesh]:
+    """Yield the triangles of surface ``number`` with its rims continued, in the order in which they are tried."""
+    for fineness in FINENESSES:
+        mesh = _quadratic(part.curved(lattice, divided=True, share=fineness))
+        for extension in EXTENSION_SHARES:
+            length = extension * EXTENDED_SPACINGS * lattice.spacing
+            wide, beyond = mesh, np.zeros(len(mesh.cells), dtype=bool)
+            if length > 0:
+                wide, beyond = with_extended_rims(mesh, length)
+                if not beyond.any() or _meets_itself(wide, len(mesh.vertices), part, length, lattice):
+                    continue
+            own = _with_short_continuations(OwnedMesh(wide, np.full(len(wide.cells), number), beyond), lattice)
+            yield _near_solid(own, solid, name)
+
+
+def _with_short_continuations(own: OwnedMesh, lattice: Lattice) -> OwnedMesh:
+    """Return the triangles with those of continuations halved until no edge is long."""
     while True:
-        on_strip = np.zeros(len(wide.edges.ends), dtype=bool)
-        on_strip[wide.edges.of_cells[beyond]] = True
-        long = np.flatnonzero(on_strip & (wide.edge_lengths > LONGEST_EXTENSION * lattice.spacing))
+        edges = own.mesh.edges
+        on_strip = np.zeros(len(edges.ends), dtype=bool)
+        on_strip[edges.of_cells[own.beyond]] = True
+        long = np.flatnonzero(on_strip & (own.mesh.edge_lengths > LONGEST_EXTENSION * lattice.spacing))
         if not len(long):
-            return OwnedMesh(wide, np.full(len(wide.cells), number), beyond)
-        wide, parent = split_edges(wide, wide.edges.ends[long], np.full(len(long), 0.5))
-        beyond = beyond[parent]
+            return own
+        halves, parent = split_edges(own.mesh, edges.ends[long], np.full(len(long), 0.5))
+        own = own.take(parent, halves)
+
+
+def _meets_itself(wide: Mesh, count: int, part: FlatPart, length: float, lattice: Lattice) -> bool:
+    """Return whether a surface comes near its own continuation by ``length``, whose vertices follow the ``count``."""
+    edges = wide.edges.ends
+    spokes = edges[(edges.min(axis=1) < count) & (edges.max(axis=1) >= count)]
+    start, end = (wide.vertices[each(spokes, axis=1)] for each in (np.min, np.max))
+    for share in (1 / 3, 2 / 3, 1.0):
+        points = start + share * (end - start)
+        off = part.source.closest_point(points).points - points
+        distance, along = norms(off), dots(off, unit(end - start))
+        ahead = (distance <= RIM_SHARE * length) & (along >= 0.5 * distance)
+        if (ahead | (distance < ON_SPACINGS * lattice.spacing)).any():
+            return True
+    return False
 
 
 def _pierced(one: OwnedMesh, other: OwnedMesh, lattice: Lattice) -> OwnedMesh:
@@ -190,8 +212,13 @@ def _pierced(one: OwnedMesh, other: OwnedMesh, lattice: Lattice) -> OwnedMesh:
     return one.take(parent, mesh)
 
 
-def _trimmed(own: OwnedMesh, outer: QuadraticSurface, solid: LocalSource, name: str, lattice: Lattice) -> OwnedMesh:
-    """Return the part of a surface in the ``solid``, with its edges on the skin in ``cut``."""
+def _trimmed(
+    own: OwnedMesh, outer: QuadraticSurface, solid: LocalSource, name: str, lattice: Lattice
+) -> OwnedMesh | Floats:
+    """Return the part of a surface in the ``solid``, with its edges on the skin in ``cut``.
+
+    If it cannot be trimmed, or ends inside without a continuation, a place (3,) where is returned.
+    """
 
     def side(points: Floats) -> tuple[Floats, Floats]:
         """Return the distances (n,) of points from the skin, negative inside, and zeros."""
@@ -202,10 +229,19 @@ def _trimmed(own: OwnedMesh, outer: QuadraticSurface, solid: LocalSource, name: 
         return np.where(solid.closest_point(points).edge < 0, -distance, distance), np.zeros(len(points))
 
     split = split_at_surface(own.mesh, side, own.near_rims(lattice), exact=1e-3, thin=THIN_SHARE)
+    divided = (split.sides == 0) & ~split.is_on[split.mesh.cells].all(axis=1)
+    if divided.any():
+        return np.asarray(split.mesh.vertices[split.mesh.cells[np.argmax(divided)]].mean(axis=0))
     kept = own.take(split.parent, split.mesh).take(split.sides < 0)
     if kept.beyond.all():
         raise SceneError(OUTSIDE.format(name))
-    return _with_cut(kept, _rim_on(kept.mesh, split.is_on))
+    trimmed = _with_cut(kept, _rim_on(kept.mesh, split.is_on))
+    if not kept.beyond.any():
+        count = np.bincount(kept.mesh.edges.of_cells.ravel(), minlength=len(kept.mesh.edges.ends))
+        open_ = kept.mesh.edges.ends[(count == 1) & ~split.is_on[kept.mesh.edges.ends].all(axis=1)]
+        if len(open_):
+            return np.asarray(kept.mesh.vertices[open_[0, 0]])
+    return trimmed
 
 
 def _rim_on(mesh: Mesh, is_on: Bools) -> Ints:
@@ -266,8 +302,11 @@ def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice
 
 
 def _unclosed(whole: OwnedMesh) -> Floats | None:
-    """Return a place (3,) where triangles and both sides of surfaces inside enclose no sectors; None if they all do."""
+    """Return a place (3,) where triangles cross, or enclose no sectors with both sides of surfaces; None if all do."""
     skin, inside = (_part_of(whole.mesh, whole.owner < 0), _with_both_sides(_part_of(whole.mesh, whole.owner >= 0)))
+    cell = edges_through_triangles(whole.mesh)[1]
+    if len(cell):
+        return np.asarray(whole.mesh.vertices[whole.mesh.cells[cell[0]]].mean(axis=0))
     curved = _joined_cells(whole.mesh.vertices, [skin, inside])
     for mesh in (quartered(curved), curved):
         is_open = sector_facets(mesh)[1].any(axis=1)
