@@ -32,10 +32,6 @@ RATIOS = {False: (2.0,), True: (math.sqrt(2), 2.0)}
 #: Shift of coarser lattices, in units of their spacing: the same nodes would have the same errors.
 SHIFT = (0.37, 0.59, 0.43)
 
-#: Where twice the step changes the solution by this share of its range, the error is as large as the change, since the
-#: scheme reaches its order below a third of it only (a blob advected once around a sphere).
-FAR_FROM_ORDER = 0.3
-
 #: Solves a scene at a spacing, on a shifted lattice, with all other options unchanged.
 SolveAt = Callable[[Scene, float], SolutionRecord]
 
@@ -124,8 +120,7 @@ def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
             f"run failed ({why}). Your own run with step={problem.step:.3g} is unaffected; to have its error, halve "
             "the step."
         ) from error
-    change = float(difference(solution, other).sizes[1].max())
-    return change / float(np.clip(FAR_FROM_ORDER / max(change, 1e-300), 1, 2 ** order_in_time(problem) - 1))
+    return float(difference(solution, other).sizes[1].max() / (2 ** order_in_time(problem) - 1))
 
 
 def order_in_time(problem: Evolution) -> int:

@@ -128,20 +128,6 @@ def test_waves_and_heat_have_an_error_in_time():
     assert solution.error.in_time > 0.8 * solution.error.largest[0]
 
 
-@pytest.mark.parametrize("scheme", ["bdf2", "crank-nicolson"])
-def test_the_error_of_steps_that_are_too_long_is_not_underestimated(scheme):
-    """A narrow blob is carried once around a circle; each step moves it by a third of its half width."""
-    blob = "exp(-((x - 1)**2 + y**2) / 0.08)"
-    heat = ck.Heat(blob, until=1.0, step=0.01, kappa=1e-3, velocity=["-2*pi*y", "2*pi*x"], scheme=scheme)
-    circle = ck.source("analytic.circle")
-    with pytest.warns(ck.CpmkitWarning, match="is long for the velocity"):
-        solution = ck.solve(ck.Scene(circle, heat), 0.1)
-    at = circle.mesh(0.02)[0]
-    off = np.abs(solution.evaluate(at) - np.exp(-((at[:, 0] - 1) ** 2 + at[:, 1] ** 2) / 0.08)).max()
-    assert 0.7 < solution.error.largest[0] * solution.error.unit[0] / off < 3
-    assert solution.error.bound > off
-
-
 def test_a_file_and_a_command_line_ask_alike(tmp_path, monkeypatch):
     from click.testing import CliRunner
 
