@@ -178,7 +178,7 @@ def test_data_that_do_not_balance_are_left_out_and_reported():
     assert defect.value[0] == pytest.approx(np.sinh(1), abs=1e-4)
     assert defect.relative == pytest.approx(1.0, abs=0.01)
     (warning,) = told(solution)
-    assert "less by 1.175 times the measure of the piece" in warning
+    assert "add up to 1.175 times the measure of the piece" in warning
     left = ck.solve(ck.Scene(SPHERE, ck.Poisson(lambda x: unbalanced(x) - defect.value[0])), 0.1, form="collocation")
     assert not told(left)
     assert np.abs(left.values - solution.values).max() < 1e-8
