@@ -19,17 +19,18 @@ from cpmkit.meshing.quadratic_surface import (
     arc_points,
     edge_midpoints,
     edge_numbers,
+    extremes_at_edges,
     split_cells,
     split_edges,
     with_edge_midpoints,
 )
 from cpmkit.types import Bools, Floats, Ints
 
-#: A vertex nearer to a crossing of an edge than this share of the edge is moved there; chains are matched to it.
+#: A vertex nearer to a crossing of an edge than this share of the edge is moved there.
 SNAP_SHARE = 0.3
 #: A vertex nearer to the other surface than this share of its shortest edge lies on it.
 ON_SHARE = 1e-6
-#: Surfaces that meet an edge farther beyond their rim than so many of its lengths do not split it.
+#: An edge is split where it meets a surface, or this beyond its rim by at most so many lengths of the edge.
 BEYOND_RIM = 1.5
 #: Normals of two triangles differ by more than this at the middle of a crease.
 CREASE_DEGREES = 3.0
@@ -56,12 +57,8 @@ class SplitMesh:
     @property
     def chain(self) -> Ints:
         """(k, 2) the edges between triangles on both sides."""
-        edges = self.mesh.edges
-        least, most = np.ones(len(edges.ends)), -np.ones(len(edges.ends))
-        for corner in range(3):
-            np.minimum.at(least, edges.of_cells[:, corner], self.sides)
-            np.maximum.at(most, edges.of_cells[:, corner], self.sides)
-        return edges.ends[self.is_on[edges.ends].all(axis=1) & (least * most < 0)]
+        ends, (least, most) = self.mesh.edges.ends, extremes_at_edges(self.mesh, self.sides)
+        return ends[self.is_on[ends].all(axis=1) & (least * most < 0)]
 
 
 def split_at_surface(
@@ -272,8 +269,7 @@ def turned_cells(mesh: Mesh, chain: Ints, least: float) -> Ints:
 
 def piercing_points(mesh: Mesh, side: Side) -> Floats:
     """Return the points (k, 3) where creases of a mesh, not its rims, meet another surface, given by its ``side``."""
-    count = np.bincount(mesh.edges.of_cells.ravel(), minlength=len(mesh.edges.ends))
-    creases = np.flatnonzero(creased_edges(mesh) & (count > 1))
+    creases = np.flatnonzero(creased_edges(mesh) & ~mesh.connectivity.on_rim)
     if not len(creases):
         return np.zeros((0, 3))
     sides = np.full(len(mesh.vertices), np.inf)

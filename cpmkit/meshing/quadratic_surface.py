@@ -128,6 +128,14 @@ def quartered(mesh: Mesh) -> Mesh:
     return Mesh.of(np.concatenate([mesh.vertices, edge_midpoints(mesh)]), cells)
 
 
+def extremes_at_edges(mesh: Mesh, values: Ints) -> tuple[Ints, Ints]:
+    """Return the least and the largest (e,) of the ``values`` (m,) of the triangles at each edge."""
+    numbers = mesh.edges.of_cells.ravel()
+    order, starts = np.argsort(numbers, kind="stable"), np.cumsum(np.bincount(numbers, minlength=len(mesh.edges.ends)))
+    of_edges, first = np.repeat(values, 3)[order], np.concatenate([[0], starts[:-1]])
+    return np.minimum.reduceat(of_edges, first), np.maximum.reduceat(of_edges, first)
+
+
 def split_edges(mesh: Mesh, ends: Ints, shares: Floats) -> tuple[Mesh, Ints]:
     """Return quadratic triangles with edges split, and the triangle (m,) that each is a part of.
 

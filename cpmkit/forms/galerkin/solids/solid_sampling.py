@@ -94,7 +94,7 @@ def sample_solid(scene: Scene, options: Options[GalerkinOptions]) -> SampledSoli
     """Return the samples of a scene on a solid.
 
     Raises SceneError if the boundary of the solid is not closed or crosses itself, or a condition cannot be imposed,
-    see :func:`imposed_conditions`.
+    see :func:`imposed_conditions`; ResolutionError if a boundary inside is not resolved.
     """
     lattice = lattice_of(scene.surface, options.spacing, options.origin)
     surface = localize(scene.surface, lattice.origin)

@@ -29,7 +29,7 @@ from cpmkit.meshing.meeting_surfaces import (
     turned_cells,
     with_points,
 )
-from cpmkit.meshing.quadratic_surface import QuadraticSurface, edge_numbers, quartered, split_edges
+from cpmkit.meshing.quadratic_surface import QuadraticSurface, edge_numbers, extremes_at_edges, quartered, split_edges
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
@@ -77,12 +77,8 @@ class OwnedMesh:
     @property
     def seams(self) -> Bools:
         """(e,) which edges have triangles of several owners."""
-        edges = self.mesh.edges
-        least, most = np.full(len(edges.ends), np.iinfo(np.int64).max), np.full(len(edges.ends), -2)
-        for corner in range(3):
-            np.minimum.at(least, edges.of_cells[:, corner], self.owner)
-            np.maximum.at(most, edges.of_cells[:, corner], self.owner)
-        return least < most
+        least, most = extremes_at_edges(self.mesh, self.owner)
+        return np.asarray(least < most)
 
 
 def _part_of(mesh: Mesh, rows: Bools | Ints) -> Mesh:
@@ -104,7 +100,7 @@ def with_surfaces_inside(
     """Return the ``skin`` with two cells at each place of the surfaces ``inside`` and of their continuations.
 
     ``left_of`` returns for the number and the cells (m,) of a surface whether its left is where their normals point.
-    Raises SceneError if a surface lies outside of the solid, or touches the skin or another one, or runs along it.
+    Raises SceneError if a surface lies outside of the solid or crosses itself, ResolutionError if it cannot be joined.
     """
     count = len(skin.mesh.cells)
     none = np.zeros(count, dtype=bool)
@@ -235,20 +231,16 @@ def _trimmed(
     kept = own.take(split.parent, split.mesh).take(split.sides < 0)
     if kept.beyond.all():
         raise SceneError(OUTSIDE.format(name))
-    trimmed = _with_cut(kept, _rim_on(kept.mesh, split.is_on))
-    if not kept.beyond.any():
-        count = np.bincount(kept.mesh.edges.of_cells.ravel(), minlength=len(kept.mesh.edges.ends))
-        open_ = kept.mesh.edges.ends[(count == 1) & ~split.is_on[kept.mesh.edges.ends].all(axis=1)]
-        if len(open_):
-            return np.asarray(kept.mesh.vertices[open_[0, 0]])
-    return trimmed
+    rim = _rim(kept.mesh)
+    ends_on_skin = split.is_on[rim].all(axis=1)
+    if not (ends_on_skin.all() or kept.beyond.any()):
+        return np.asarray(kept.mesh.vertices[rim[~ends_on_skin][0, 0]])
+    return _with_cut(kept, rim[ends_on_skin])
 
 
-def _rim_on(mesh: Mesh, is_on: Bools) -> Ints:
-    """Return the edges (k, 2) of the rim of a mesh with both vertices ``is_on`` (v,)."""
-    edges = mesh.edges
-    count = np.bincount(edges.of_cells.ravel(), minlength=len(edges.ends))
-    return np.asarray(edges.ends[(count == 1) & is_on[edges.ends].all(axis=1)])
+def _rim(mesh: Mesh) -> Ints:
+    """Return the edges (k, 2) of the rim of a mesh."""
+    return np.asarray(mesh.edges.ends[mesh.connectivity.on_rim])
 
 
 def _with_cut(own: OwnedMesh, ends: Ints) -> OwnedMesh:
@@ -268,7 +260,8 @@ def _split_at_earlier(own: OwnedMesh, earlier: Sequence[QuadraticSurface], latti
 
         split = split_at_surface(own.mesh, side, own.near_rims(lattice), beyond_rim=ON_SPACINGS)
         own = own.take(split.parent, split.mesh)
-        own = _with_cut(own, np.concatenate([split.chain, _rim_on(own.mesh, split.is_on)]))
+        rim = _rim(own.mesh)
+        own = _with_cut(own, np.concatenate([split.chain, rim[split.is_on[rim].all(axis=1)]]))
     return own
 
 
