@@ -104,7 +104,7 @@ def _refine_spacing(run: AdaptiveRun) -> None:
     while not _is_accepted(run, aim) and answers < MOST_ANSWERS and not errors_stagnate(run):
         here = run.last.spacing
         coarse, fine = ((float(solve.spacing), float(solve.unknowns)) for solve in _last_two(run))
-        growth = growth_through(fine, coarse, max(largest_dim(run.scene.surface), 1))
+        growth = growth_through(fine, coarse, largest_dim(run.scene.surface))
         room = 0.8 * min(run.target.memory or np.inf, memory.available_bytes())
         most_in_memory = fitting_unknowns(room, lambda unknowns: predicted_bytes(run, unknowns), fine[1])
         limit = growth.spacing_with(min(most_in_memory, _most_unknowns_in_time(run)))
@@ -296,7 +296,7 @@ def _most_unknowns_in_time(run: AdaptiveRun) -> float:
     if run.target.seconds is None:
         return np.inf
     start, slope = _seconds_line(run)
-    m = max(largest_dim(run.scene.surface), 1)
+    m = largest_dim(run.scene.surface)
     remaining = (run.target.seconds - run.elapsed) / 1.25  # a solve may take longer than expected
     coarse_share = 0.0 if run.last.purpose == "companion" else 0.5**m
     return max((remaining - start * (1 + (coarse_share > 0))) / (slope * (1 + coarse_share)), 1.0)

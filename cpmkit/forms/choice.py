@@ -16,7 +16,6 @@ from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions, reason_agai
 from cpmkit.forms.options import AUTO, Options
 from cpmkit.grid.lattice import needed_spacing, other_solver_hint, round_up
 from cpmkit.manifold.abilities import has_finite_feet, members_of
-from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime import memory
 from cpmkit.runtime.deprecation import current_keywords
 from cpmkit.runtime.messages import did_you_mean
@@ -76,8 +75,6 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     if named is not None:
         return named, "as given" if target != AUTO else f"the only one with {_deciding_option(given)}"
     surface, family, kind = scene.surface, scene.problem.family, scene.problem.kind
-    if largest_dim(surface) == 0:
-        return "collocation", "the manifold consists of points"
     if has_finite_feet(surface):
         return "collocation", "closest points are single samples, over which nothing can be integrated"
     if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.local_source import LocalSource, largest_dim
 from cpmkit.manifold.source import ClosestPointSource, check_source
 from cpmkit.runtime.messages import html_table
 from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary, BoundarySet, as_boundary
@@ -64,7 +64,7 @@ class Scene(Generic[Family]):
     InputError
         If the surface is no source, or data have other shapes than (n,) or (n, channels) or are not finite.
     SceneError
-        If names repeat, data have different numbers of channels, or another argument is not accepted.
+        If the surface consists of points, names repeat, data have different numbers of channels, or another argument is not accepted.
 
     Examples
     --------
@@ -98,6 +98,11 @@ class Scene(Generic[Family]):
         """Convert the arguments, replace arrays by vertex data; raise SceneError if parts of the scene do not fit."""
         object.__setattr__(self, "surface", as_source(self.surface))
         check_source(self.surface, "the surface", "of a mesh its arrays, the pair (vertices, faces)")
+        if largest_dim(self.surface) == 0:
+            raise SceneError(
+                f"the surface consists of points, on which there is no equation, got {self.surface!r}; for a surface "
+                "known by scattered points take the kind 'pointcloud.points', for values at points a boundary."
+            )
         if not isinstance(self.problem, Equation):
             raise SceneError(
                 "the problem must be an equation, such as Laplace(), Poisson(f) or Heat(...), got "
