@@ -240,13 +240,11 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None, where
         if side is not None:
             raise InputError(f"the edge has one side only; leave side out, got {shown(side)}.")
         loop = None if boundary == "edge" else int(boundary)
-        in_space = scene.surface.dim == 3 and 3 in member_dimensions(scene.surface)
-        rule = None if in_space else rim_rule(scene.surface, solution.spacing, loop)
         total = form.flux(solution.values, boundary, None, solution.data_time, chosen)
         if total is None:
-            if rule is None:
+            if scene.surface.dim == 3 and 3 in member_dimensions(scene.surface):
                 raise InputError(_NO_FLUX.get(form.form, _NO_FLUX["collocation"]))
-            feet, weights = rule
+            feet, weights = rim_rule(scene.surface, solution.spacing, loop)
             density = form.conormal_derivative(solution.values, feet.points)
             total = (weights if chosen is None else weights * chosen(feet.points)) @ density
     else:

@@ -141,13 +141,14 @@ class ConditionTerms:
 
         ``u`` (n, channels) are the unknowns of the solution, ``chosen`` (b,) is whether a sample is included, as on one
         side of a boundary or on the rim, and data are evaluated at ``time``. None if a condition at these samples has
-        the eigenvalue as a factor, which is not known here, or is a junction. Samples without a condition contribute
+        the eigenvalue as a factor, which is not known here, or a junction cuts the manifold. Samples without a condition contribute
         nothing.
         """
         from scipy.sparse import csr_array, hstack
 
         conditions = [condition for condition in self.conditions if chosen[condition.all_rows].any()]
-        if conditions_with_law(conditions, Spectral, JunctionLaw):
+        cuts = [~self.samples.on_rim[each.all_rows] for each in conditions_with_law(conditions, JunctionLaw)]
+        if conditions_with_law(conditions, Spectral) or any(cut.any() for cut in cuts):
             return None
         n, weight = self.values.shape[1], np.where(chosen, 1 / self.a, 0.0)
         column, zero = csr_array(weight[:, None]), csr_array((len(weight), 1))

@@ -84,6 +84,27 @@ def test_a_fracture_from_edge_to_edge_has_the_values_there(edge):
     assert found.flux("edge") == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("spacing", [0.2, 0.15, 0.1])
+@pytest.mark.parametrize("is_reversed", [False, True])
+@pytest.mark.parametrize("solid", ["box", "disc"])
+def test_the_flux_through_each_end_of_a_fracture_is_read(solid, is_reversed, spacing):
+    """Rounding decides whether an end on the edge is the edge's or the fracture's: the flux of both is read."""
+    inner, outer = [0.1, 0.2], {"box": [0.1, -1.0], "disc": [0.6, -0.8]}[solid]
+    ends = [inner, outer] if is_reversed else [outer, inner]
+    union = ck.source("union", members=[SOLIDS[solid], ck.source("analytic.segment", start=ends[0], end=ends[1])])
+    loops = range(4 if solid == "box" else 1)
+    scene = ck.Scene(union, ck.Elliptic(f=1.0), edge={loop: ck.Dirichlet("x") for loop in loops})
+    found = ck.solve(scene, spacing, estimate=False)
+    assert found.flux(1000 + (not is_reversed)) == 0.0  # nothing leaves through the end inside
+    through = [found.flux(loop) for loop in (*loops, 1000 + is_reversed)]
+    total = found.integrate(1.0, dim=2) + found.integrate(1.0, dim=1)
+    assert sum(through) == pytest.approx(-total, rel=1e-6)
+    # a number of an end inside is as good as that of any other
+    pinned = {**scene.edge, 1000 + (not is_reversed): ck.Dirichlet(3.0)}
+    found = ck.solve(ck.Scene(union, scene.problem, edge=pinned), spacing, estimate=False)
+    assert found.of_dimension(1).evaluate([inner]) == pytest.approx([3.0], abs=0.01)
+
+
 SOLIDS = {"box": SQUARE, "disc": ck.source("solid", of=ck.source(SOURCES[2]))}
 CONDITIONS = {
     "one": ck.Dirichlet("x"),
