@@ -21,6 +21,7 @@ from cpmkit.forms.galerkin.unions.union_assembly import UnionAssembly
 from cpmkit.forms.galerkin.unions.union_parts import UnionPart
 from cpmkit.linear.operators import Operator
 from cpmkit.linear.residuals import SolveReport
+from cpmkit.manifold.meetings import is_near
 from cpmkit.manifold.mixed_dimension import near_miss_warnings
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.data import Data
@@ -128,25 +129,33 @@ class GalerkinUnion(UnionAssembly, Discretized):
 
         at = as_points(points, self.scene.surface.dim)
         matrix = csr_array((len(at), self.size))
-        for part, rows in self._nearest_parts(at):
+        for part, rows in self._nearest_parts(at, side):
             found = part.form.evaluation_matrix(at[rows], self._own_sides(part, side)).tocoo()
             place = rows[found.coords[0]], part.unknowns.start + found.coords[1]
             matrix += csr_array((found.data, place), shape=matrix.shape)
         return matrix
 
-    def _nearest_parts(self, at: Floats) -> Iterator[tuple[UnionPart, Ints]]:
-        """Yield each part on which the closest points to some of ``at`` (k, d) lie, and the rows of these."""
+    def _nearest_parts(self, at: Floats, side: Sides = None) -> Iterator[tuple[UnionPart, Ints]]:
+        """Yield each part on which the closest points to some of ``at`` (k, d) lie, and the rows of these.
+
+        If a ``side`` is given, points on a member that cuts another are on the other, which has two sides there.
+        """
         element = self.scene.surface.closest_point(np.ascontiguousarray(at)).element
         assert element is not None
-        for part in self.parts:
-            rows = np.flatnonzero(np.isin(element, part.numbers))
+        owner = np.zeros(len(at), dtype=np.int64)
+        for k, part in enumerate(self.parts):  # of ascending dimension
+            owner[np.isin(element, part.numbers)] = k
+            for cut in part.form.scene.boundaries if isinstance(side, str) else ():
+                owner[is_near(cut.source, at, self.scene.surface)] = k
+        for k, part in enumerate(self.parts):
+            rows = np.flatnonzero(owner == k)
             if len(rows):
                 yield part, rows
 
     def _own_sides(self, part: UnionPart, side: Sides) -> Sides:
         """Return the sides of a part's own boundaries; raise InputError for names of no boundary of the scene."""
         if not isinstance(side, Mapping):
-            return side if any(each.name in self._names(part) for each in self.scene.boundaries) else None
+            return side if part.form.scene.boundaries else None
         known = {name for each in self.parts for name in self._names(each)}
         unknown = [name for name in side if name not in known]
         if unknown:
@@ -164,7 +173,7 @@ class GalerkinUnion(UnionAssembly, Discretized):
             return np.concatenate([part.form.gradient(u[part.unknowns]) for part in self.parts])
         at = as_points(points, self.scene.surface.dim)
         found = np.empty((len(at), u.shape[1], at.shape[1]))
-        for part, rows in self._nearest_parts(at):
+        for part, rows in self._nearest_parts(at, side):
             found[rows] = part.form.gradient(u[part.unknowns], at[rows], self._own_sides(part, side))
         return found
 
