@@ -261,7 +261,7 @@ def _result_sentence(run: AdaptiveRun, best: TimedSolve, status: Status, aim: fl
     if status == "within":
         return f"{error}; {finest}{slow}."
     if status == "reached":
-        return f"tolerance {target.tolerance:g} reached: {error}{slow}."
+        return f"tolerance {target.tolerance:g} reached: {error}."
     if status == "floor":
         causes = " ".join(advice_of(run.scene.surface, best.spacing).warnings)
         about = "at most" if estimate is not None and estimate.floor_is_bound else "about"

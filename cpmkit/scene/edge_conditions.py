@@ -23,7 +23,7 @@ class EdgeLoopError(SceneError):
     """A table `edge` lacks a loop of the manifold, or has one that the manifold lacks.
 
     ``text`` is the message, with the fields ``loop``, ``given`` (the numbers in the table) and ``loops`` (those of the
-    manifold).
+    manifold, or those that the table lacks).
     """
 
     def __init__(self, text: str, loop: int, given: Iterable[int], loops: Iterable[int] = ()) -> None:
@@ -175,7 +175,7 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
     pairs: list[tuple[Condition, Ints]] = []
     for loop in np.unique(loops).tolist() if isinstance(edge, Mapping) else [None]:
         rows = np.arange(len(points)) if loop is None else np.flatnonzero(loops == loop)
-        conditions = _conditions_of_loop(edge, loop)
+        conditions = _conditions_of_loop(edge, loop, loops)
         number = conditions.part_at(points[rows])
         uncovered = points[rows[number < 0]]
         if len(uncovered):
@@ -205,22 +205,23 @@ def check_parts_used(edge: EdgeConditions, used: Iterable[Law]) -> None:
 
 def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
     """Return the condition of edge loop ``loop``, that of its first part if it has several; SceneError if none."""
-    return _conditions_of_loop(edge, loop).parts[0].condition
+    return _conditions_of_loop(edge, loop, [loop]).parts[0].condition
 
 
-def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:
+def _conditions_of_loop(edge: EdgeConditions, loop: int | None, seen: Iterable[int]) -> ByPosition:
     """Return the conditions that hold on edge loop number ``loop``; it may be None if they hold on every loop.
 
-    Raises SceneError if the loop has none.
+    Raises SceneError if the loop has none; the message names all of the loops ``seen`` that have none.
     """
     loops = loops_of_edge(edge)
     if None not in loops and loop not in loops:
         assert loop is not None
         raise EdgeLoopError(
-            "the surface has an edge loop {loop} for which `edge` gives no condition; a table must name every loop "
-            "that the surface has, and no other: `edge` has {given}.",
+            "the table `edge` has the loops {given}, and the manifold's loops {loops} are missing; a table names every "
+            "loop, with Neumann(0) where nothing flows.",
             loop,
             [number for number in loops if number is not None],
+            sorted({*map(int, seen)} - {*loops}),
         )
     return loops[loop if loop in loops else None]
 

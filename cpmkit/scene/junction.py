@@ -30,7 +30,7 @@ class Junction:
 
     A curve inside a surface or an area, or a surface inside a solid, has two sides, each with the whole resistance:
     ``u_left - v = resistance q_left`` and ``u_right - v = resistance q_right``. What enters v is their sum, and u may
-    jump: ``solution.of_dimension(2).evaluate(points, side="both")`` reads its two values beside a curve.
+    jump: ``solution.evaluate(points, side="both")`` reads its two values beside a curve.
 
     Parameters
     ----------

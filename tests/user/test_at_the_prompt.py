@@ -11,6 +11,8 @@ from cpmkit.testing import installed_cases
 
 CIRCLE = ck.source("analytic.circle")
 CUT = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=1.0, right="x < 5")
+#: A mesh as a pair of arrays.
+TETRAHEDRON = (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 #: Kinds that are made slowly, or of a function that no module holds by a name, which Python does not pickle.
 LEFT_OUT = ("pointcloud", "levelset.grid", "levelset.callable")
 
@@ -22,7 +24,10 @@ def solution():
 
 def sources():
     first = {case.kind: case for case in reversed(installed_cases()) if not case.kind.startswith(LEFT_OUT)}
-    return [pytest.param(case.make, id=kind) for kind, case in first.items()]
+    return [
+        *(pytest.param(case.make, id=kind) for kind, case in first.items()),
+        pytest.param(lambda: ck.source("cut.plane", surface=TETRAHEDRON, point=[0.2] * 3, normal=[0, 0, 1]), id="section"),
+    ]
 
 
 @pytest.mark.parametrize("make", sources())

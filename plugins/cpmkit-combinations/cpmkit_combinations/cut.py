@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.plugin import ClosestPointSource, Floats, InputError, as_vector, check_source, localize, whole
+from cpmkit.plugin import ClosestPointSource, Floats, InputError, as_source, as_vector, check_source, localize, whole
 from cpmkit_combinations.crossings import find_crossings, select_apart
 from cpmkit_combinations.curve import TracedCurve
 from cpmkit_combinations.level_cut import LevelCut, PositionFunction, plane_distance, position_function
@@ -33,7 +33,7 @@ def plane_cut(
 
     Parameters
     ----------
-    surface : source
+    surface : source or mesh
         A surface, whose intersection is a curve, or a curve, whose intersection is a set of points.
     point, normal : (d,) numbers
         A point of the plane, and its normal, of any length. It points to the left of the cut of a surface; the left of
@@ -50,7 +50,7 @@ def plane_cut(
     >>> ring.closest_point(np.array([[2.0, 0, 0]])).points[0, [0, 2]].round(12).tolist()
     [0.8, 0.6]
     """
-    check_cuttable(surface, "surface")
+    surface = as_cuttable(surface, "surface")
     plane = plane_distance(point, normal, surface.dim)
     through, across = as_vector(point, surface.dim, "point"), as_vector(normal, surface.dim, "normal")
     section = _section_by_source(surface, through, across)
@@ -85,7 +85,7 @@ def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | Non
 
     Parameters
     ----------
-    surface : source
+    surface : source or mesh
         A surface, whose intersection is a curve, or a curve, whose intersection is a set of points.
     phi : str or callable
         A formula in x, y, z, or a function of points (n, d) that returns (n,); defined in space a little around
@@ -101,7 +101,7 @@ def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | Non
     >>> waves.deviation < 1e-11
     True
     """
-    check_cuttable(surface, "surface")
+    surface = as_cuttable(surface, "surface")
     return find_zero_set(level_cut(surface, position_function(phi, surface.dim, "phi"), "phi", resolution))
 
 
@@ -141,9 +141,14 @@ def _cut_points(cut: LevelCut) -> PointSet:
     return PointSet(places[np.lexsort(places.T[::-1])], cut.phi.origin)
 
 
-def check_cuttable(surface: Any, label: str) -> None:
-    """Raise InputError, which names ``label``, unless ``surface`` is a source of manifold dimension 1 or 2."""
+def as_cuttable(surface: Any, label: str) -> Any:
+    """Return the source of a curve or surface, given as one or as a mesh; raise InputError, which names ``label``."""
+    surface = as_source(surface)
     check_source(surface, label)
     if surface.manifold_dim not in (1, 2):
         kind = "a mixed union" if surface.manifold_dim is None else f"of dimension {surface.manifold_dim}"
-        raise InputError(f"{label} must be a surface or a curve, got a source that is {kind}.")
+        wall = "; a wall in a solid is a surface of its own, such as two triangles of the kind 'mesh.triangles'"
+        raise InputError(
+            f"{label} must be a surface or a curve, got a source that is {kind}{wall if surface.manifold_dim else ''}."
+        )
+    return surface

@@ -19,6 +19,7 @@ from cpmkit.plugin import (
     Ints,
     advice_of,
     as_points,
+    as_source,
     as_rotation,
     as_vector,
     check_source,
@@ -155,7 +156,7 @@ def moved_source(*, of: ClosestPointSource, rotation: Any = None, translation: A
 
     Parameters
     ----------
-    of : source
+    of : source or mesh
         The members of a union are moved one by one.
     rotation : angle in the plane, (3,) rotation vector or (d, d) matrix, optional
         Angles, and lengths of rotation vectors, in radians, counterclockwise. By default none.
@@ -171,6 +172,7 @@ def moved_source(*, of: ClosestPointSource, rotation: Any = None, translation: A
     >>> ring.closest_point([[9.0, 0.0]]).points.tolist()
     [[3.0, 0.0]]
     """
+    of = as_source(of)
     check_source(of, "the source to move")
     if isinstance(of, Union):
         motion = {"rotation": rotation, "translation": translation, "scale": scale}

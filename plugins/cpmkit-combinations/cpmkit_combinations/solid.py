@@ -19,6 +19,7 @@ from cpmkit.plugin import (
     InputError,
     Ints,
     as_points,
+    as_source,
     check_source,
     positive,
     rectangle,
@@ -160,7 +161,7 @@ def solid(*, of: ClosestPointSource) -> Any:
 
     Parameters
     ----------
-    of : source
+    of : source or mesh
         A closed curve in the plane with normals or tangents, or a closed surface in space with normals, of either
         sign. The solid of a union, or of a mesh of several shells, contains the points that an odd number of them
         encloses, in whatever sense they are wound: a circle inside a circle makes a hole.
@@ -172,6 +173,7 @@ def solid(*, of: ClosestPointSource) -> Any:
     >>> disc.closest_point([[1.0, 0.5], [0.0, 3.0]]).points.tolist()
     [[1.0, 0.5], [0.0, 2.0]]
     """
+    of = as_source(of)
     check_source(of, "the boundary of the solid")
     parts = of.members if isinstance(of, Union) else [of]
     outward = tuple(_outward_sign(part) for part in parts)

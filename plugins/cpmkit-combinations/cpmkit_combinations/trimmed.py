@@ -24,7 +24,7 @@ from cpmkit.plugin import (
     positive,
     source_repr,
 )
-from cpmkit_combinations.cut import check_cuttable, find_zero_set, level_cut
+from cpmkit_combinations.cut import as_cuttable, find_zero_set, level_cut
 from cpmkit_combinations.level_cut import CUT_DIFFERENCE_SHARE, LevelCut, PositionFunction, position_function
 from cpmkit_combinations.points import PointSet
 from cpmkit_combinations.trimmed_edge import CurveEdge, TrimmedEdge, clip_mesh, point_edge
@@ -232,7 +232,7 @@ def trimmed_source(*, of: ClosestPointSource, trim: Any, resolution: int | None 
 
     Parameters
     ----------
-    of : source
+    of : source or mesh
         The whole: a surface, or a curve of which one piece must be left.
     trim : str or callable
         A formula in x, y, z, or a function of points (n, d) that returns (n,). The part with trim <= 0 is left.
@@ -247,8 +247,7 @@ def trimmed_source(*, of: ClosestPointSource, trim: Any, resolution: int | None 
     >>> feet.points[:, [0, 2]].round(12).tolist(), feet.edge.tolist()
     ([[1.0, 0.0], [0.6, -0.8]], [0, -1])
     """
-    check_cuttable(of, "of")
-    of = smooth_surface_of(of)
+    of = smooth_surface_of(as_cuttable(of, "of"))
     function = position_function(trim, of.dim, "trim")
     cut = level_cut(of, function, "trim", resolution)
     where = find_zero_set(cut)

@@ -18,6 +18,7 @@ from cpmkit.plugin import (
     Ints,
     advice_of,
     as_points,
+    as_source,
     as_vector,
     check_source,
     edge_limit_of,
@@ -200,7 +201,7 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
 
     Parameters
     ----------
-    members : list of sources
+    members : list of sources or meshes
         In the same space. Members of unions become members of this one. In a scene file a list of tables.
 
     Examples
@@ -213,7 +214,7 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
     if not isinstance(members, (list, tuple)) or not members:
         raise InputError(f"members must be a list of sources, got {shown(members)}.")
     flat: list[Any] = []
-    for number, member in enumerate(members):
+    for number, member in enumerate(map(as_source, members)):
         check_source(member, f"member {number}")
         flat += members_of(member)
     dims = sorted({member.dim for member in flat})

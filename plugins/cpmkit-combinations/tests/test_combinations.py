@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
@@ -172,3 +173,22 @@ def test_a_key_that_is_wrong_inside_is_named(tmp_path):
     )
     with pytest.raises(CpmkitError, match=r"'analytic\.sphere' has the unknown key 'raduis'"):
         ck.load_scene(file)
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "others"),
+    [
+        ("moved", "of", {"scale": 2.0}),
+        ("solid", "of", {}),
+        ("trimmed", "of", {"trim": "z"}),
+        ("union", "members", {}),
+        ("cut.plane", "surface", {"point": [0, 0, 0.1], "normal": [0, 0, 1]}),
+        ("cut.function", "surface", {"phi": "z - 0.1"}),
+    ],
+)
+def test_meshes_of_other_libraries_are_taken_as_a_scene_takes_them(kind, key, others):
+    mesh = trimesh.creation.icosphere(2)
+    given = [mesh, ck.Scene(mesh, ck.ScreenedPoisson(1.0)).surface]
+    first, second = (ck.source(kind, **{key: [one] if key == "members" else one}, **others) for one in given)
+    x = np.random.default_rng(0).normal(size=(20, 3))
+    np.testing.assert_array_equal(first.closest_point(x).points, second.closest_point(x).points)

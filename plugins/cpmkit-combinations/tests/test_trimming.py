@@ -130,7 +130,7 @@ def test_a_trimmed_surface_far_from_zero_is_trimmed_at_the_same_place():
             lambda: trimmed_source(of=ck.source("analytic.circle", center=[0, 0]), trim="x * y"),
             "one piece of the curve",
         ),
-        (lambda: trimmed_source(of=[1, 2], trim="z"), "of must be a closest point source"),
+        (lambda: trimmed_source(of="a ball", trim="z"), "of must be a closest point source"),
     ],
 )
 def test_what_cannot_be_trimmed_is_refused(make, message):

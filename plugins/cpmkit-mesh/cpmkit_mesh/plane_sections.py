@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 LEFT_OF_OFFSET_SHARE = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlaneSection(Polyline):
     """The curve in which a plane cuts a mesh: segments in its triangles; the plane's normal points to its left.
 

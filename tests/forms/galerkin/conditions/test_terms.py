@@ -194,7 +194,7 @@ def test_a_flux_that_does_not_grow_is_a_flux():
 @pytest.mark.parametrize(
     ("edge", "sentence"),
     [
-        ({0: ck.Dirichlet(0.0)}, "loop 1 for which `edge` gives no condition"),
+        ({0: ck.Dirichlet(0.0)}, "has the loops 0, and the manifold's loops 1 are missing"),
         ({0: ck.Dirichlet(0.0), 1: ck.Neumann(), 2: ck.Neumann()}, "loop 2, and the manifold has no such loop"),
     ],
 )
