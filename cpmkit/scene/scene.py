@@ -64,7 +64,8 @@ class Scene(Generic[Family]):
     InputError
         If the surface is no source, or data have other shapes than (n,) or (n, channels) or are not finite.
     SceneError
-        If the surface consists of points, names repeat, data have different numbers of channels, or another argument is not accepted.
+        If the surface consists of points, names repeat, data have different numbers of channels, or another argument is
+        not accepted.
 
     Examples
     --------

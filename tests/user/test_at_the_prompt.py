@@ -26,7 +26,7 @@ def sources():
     first = {case.kind: case for case in reversed(installed_cases()) if not case.kind.startswith(LEFT_OUT)}
     return [
         *(pytest.param(case.make, id=kind) for kind, case in first.items()),
-        pytest.param(lambda: ck.source("cut.plane", surface=TETRAHEDRON, point=[0.2] * 3, normal=[0, 0, 1]), id="section"),
+        pytest.param(lambda: ck.source("cut.plane", surface=TETRAHEDRON, point=[0.2] * 3, normal=[0, 0, 1]), id="cut"),
     ]
 
 

@@ -141,8 +141,8 @@ class ConditionTerms:
 
         ``u`` (n, channels) are the unknowns of the solution, ``chosen`` (b,) is whether a sample is included, as on one
         side of a boundary or on the rim, and data are evaluated at ``time``. None if a condition at these samples has
-        the eigenvalue as a factor, which is not known here, or a junction cuts the manifold. Samples without a condition contribute
-        nothing.
+        the eigenvalue as a factor, which is not known here, or a junction cuts the manifold. Samples without a
+        condition contribute nothing.
         """
         from scipy.sparse import csr_array, hstack
 
