@@ -130,6 +130,14 @@ def disk(resistance: float) -> Case:
     return Case("disk and boundary", f"resistance {resistance:g}", problem, points)
 
 
+def vessel(radius: float) -> Case:
+    """Return a ball with a circle inside, read on the circle and at more than .3 from it."""
+    problem = union_problems.ring_in_ball(radius)
+    circle, at = problem.scene.surface.members[1], union_problems.in_ball()
+    feet = circle.closest_point(at)
+    return Case("circle in a ball", f"radius {radius:g}", problem, {1: feet.points[:200], 3: at[feet.distance > 0.3]})
+
+
 def rod(radius: float) -> Case:
     """Return a sphere with a rod, read on the rod half way and at .05 from the joint."""
     joint = union_problems.rod_on_sphere(radius)[0]

@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[1] / "tests")]
 
-from junction_scenes import CURVES, Case, arms, ball, disk, line, ring, rod, spoke, warm  # noqa: E402
+from junction_scenes import CURVES, Case, arms, ball, disk, line, ring, rod, spoke, vessel, warm  # noqa: E402
 from row_tables import print_and_write  # noqa: E402
 
 import cpmkit as ck  # noqa: E402
@@ -94,6 +94,7 @@ def error_cases() -> Iterator[tuple[Case, tuple[float, ...]]]:
     yield from ((ball(r), (0.4, 0.2, 0.1, 0.05)) for r in (0.0, 1.0))
     yield from ((disk(r), (0.2, 0.1, 0.05)) for r in (0.0, 1.0))
     yield from ((rod(r), (0.2, 0.1, 0.07, 0.05)) for r in (0.05, 0.01))
+    yield vessel(0.02), (0.2, 0.1, 0.07)
     yield from ((case, (0.2, 0.1, 0.05)) for case in (*map(arms, CURVES), spoke()))
 
 

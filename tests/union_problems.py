@@ -13,6 +13,7 @@ SPHERE = ck.source("analytic.sphere")
 BALL = ck.source("solid", of=SPHERE)
 RING = ck.source("analytic.circle", normal=[0, 0, 1])
 ROD = ck.source("analytic.segment", start=[1.0, 0, 0], end=[3.0, 0, 0])
+VESSEL = ck.source("analytic.segment", start=[-0.5, 0.1, 0.05], end=[0.6, 0.0, 0.8])  # from inside to the skin
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,33 @@ def exchange(resistance: float, bulk=BALL, surface=SPHERE) -> Problem:
     f = ck.MemberData(both, [lambda x: x[:, 0], of_surface])
     scene = ck.Scene(both, ck.ScreenedPoisson(f), junctions=ck.Junction(resistance=r))
     return Problem(scene, {m: v, m + 1: u})
+
+
+def ring_in_ball(radius: float) -> Problem:
+    """A circle of radius .5 gives 1 per length to a ball, whose skin has the values of the circle's potential.
+
+    v is the mean of u around the circle at the distance ``radius``.
+    """
+    from scipy.special import ellipk
+
+    size, centre = 0.5, np.array([0.013, -0.021, 0.037])
+    normal = np.array([0.2, 0.3, 1.0]) / np.linalg.norm([0.2, 0.3, 1.0])
+
+    def u(x):
+        height = (x - centre) @ normal
+        distance = np.linalg.norm(x - centre - height[:, None] * normal, axis=1)
+        square = (size + distance) ** 2 + height**2
+        return size * ellipk(4 * size * distance / square) / (np.pi * np.sqrt(square))
+
+    first = np.cross(normal, [1.0, 0, 0]) / np.linalg.norm(np.cross(normal, [1.0, 0, 0]))
+    angle = 2 * np.pi * (np.arange(64) + 0.5) / 64
+    around = centre + (size + radius * np.cos(angle))[:, None] * first + radius * np.sin(angle)[:, None] * normal
+    circle = ck.source("analytic.circle", center=centre, normal=normal, radius=size)
+    both = ck.source("union", members=[BALL, circle])
+    problem = ck.Elliptic(f=ck.MemberData(both, [0.0, 1.0]))
+    scene = ck.Scene(both, problem, edge={0: ck.Dirichlet(u)}, junctions=ck.Junction(radius=radius))
+    value = u(around).mean()
+    return Problem(scene, {1: lambda x: np.full(len(x), value), 3: u})
 
 
 @cache

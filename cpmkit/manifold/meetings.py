@@ -33,8 +33,8 @@ class Meeting:
     lower: int  #: The number of the member of lower dimension.
     higher: int  #: The number of the other member.
     #: "along": all of the lower member lies on the other, or on the boundary of a solid. "points": they meet at single
-    #: points. "in part": a part of the lower member lies on the other. "within": it lies in a solid and divides it.
-    #: "inside": it enters a solid otherwise.
+    #: points. "in part": a part of the lower member lies on the other, or in it. "within": it lies in a solid and
+    #: divides it. "inside": it is a curve in a solid in space.
     how: Literal["along", "points", "in part", "within", "inside"]
     places: Floats  #: (k, d): points where they meet; for "points" all of them.
 
@@ -61,8 +61,10 @@ def _meeting(surface: ClosestPointSource, lower: int, higher: int) -> Meeting | 
         around = (x[:, None] + _steps(of_higher.dim, touching)).reshape(-1, of_higher.dim)
         inside = is_near(of_higher, around, surface).reshape(len(x), -1).all(axis=1)
         if inside.any():
-            divides = largest_dim(of_lower) == of_higher.dim - 1 and on.all()
-            return Meeting(lower, higher, *(("within", x) if divides else ("inside", x[inside])))
+            if not on.all():
+                return Meeting(lower, higher, "in part", x[inside])
+            divides = largest_dim(of_lower) == of_higher.dim - 1
+            return Meeting(lower, higher, "within" if divides else "inside", x)
     if on.all():
         return Meeting(lower, higher, "along", x)
     if on.sum() > max(PART_SHARE * len(x), 2):

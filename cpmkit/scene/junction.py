@@ -25,8 +25,8 @@ class Junction:
     """The law where members of different dimension in a union meet, in the Galerkin form.
 
     With v the solution on the member of lower dimension and u that on the other, ``u - v = resistance q``. Here q is
-    what flows from u to v: along a curve in a surface, or a surface on the boundary of a solid, per unit of length or
-    area; where a curve meets a surface at a point, in all.
+    what flows from u to v: along a curve in a surface or solid, or a surface on the boundary of a solid, per unit of
+    length or area; where a curve meets a surface at a point, in all.
 
     A curve inside a surface or an area, or a surface inside a solid, has two sides, each with the whole resistance:
     ``u_left - v = resistance q_left`` and ``u_right - v = resistance q_right``. What enters v is their sum, and u may
@@ -35,10 +35,11 @@ class Junction:
     Parameters
     ----------
     resistance : float
-        Zero, the default, for a continuous solution; an exchange with the rate k has the resistance 1 / k.
+        Zero, the default, for a continuous solution; an exchange with the rate k has the resistance 1 / k, and a vessel
+        of radius r whose wall has the permeability k has 1 / (2 pi r k).
     radius : float, optional
-        Where a curve meets a surface at a point, the radius r of the curve's cross section: u grows like
-        ``-log(distance)`` there, and v is the mean of u at the distance r.
+        Where a curve meets a surface at a point, or lies in a solid in space, the radius r of the curve's cross
+        section: u grows like ``-log(distance)`` there, and without resistance v is the mean of u at the distance r.
 
     Raises
     ------
@@ -122,7 +123,7 @@ def junctions_in_words(surface: ClosestPointSource, junctions: Junctions) -> lis
         count = len(meeting.places)
         how = f"{count} point{'s' * (count > 1)}" if meeting.how == "points" else meeting.how
         words = f"resistance {law.resistance:g}" if law.resistance else "u is continuous"
-        words += f", radius {law.radius:g}" if law.radius is not None and meeting.how == "points" else ""
+        words += f", radius {law.radius:g}" if law.radius is not None and meeting.how in ("points", "inside") else ""
         found.append(
             (f"junction {meeting.lower}/{meeting.higher}", how, f"{words}; what leaves one member enters the other")
         )
@@ -154,8 +155,6 @@ def unsupported_junction(surface: ClosestPointSource) -> str:
         dims = [largest_dim(members[number]) for number in (meeting.lower, meeting.higher)]
         pair = f"{_pair_in_words(surface, meeting)} "
         near = f"near {place(meeting.places[0])}"
-        if meeting.how == "inside":
-            return f"{pair}meet inside the solid, {near}"
         if meeting.how == "in part":
             return f"{pair}coincide in part only, {near}: divide the first where it leaves the second"
         if meeting.how == "along" and dims[0] + 1 != dims[1]:
@@ -169,11 +168,12 @@ def check_radii(surface: ClosestPointSource, junctions: Junctions) -> None:
     """Raise SceneError if a curve meets a surface at a point of a union, and ``junctions`` have no radius of it."""
     for meeting in meetings_of(surface):
         law = junction_of(junctions, meeting.lower, meeting.higher)
-        if meeting.how == "points" and law.radius is None:
+        if meeting.how in ("points", "inside") and law.radius is None:
+            where = f"at a point, near {place(meeting.places[0])}" if meeting.how == "points" else "along the curve"
             raise SceneError(
-                f"{_pair_in_words(surface, meeting)} meet at a point, near {place(meeting.places[0])}, where u grows "
-                "like the logarithm of the distance: give the radius r of the curve's cross section, "
-                "junctions=ck.Junction(radius=r), or use form='collocation', where the spacing decides what flows."
+                f"{_pair_in_words(surface, meeting)} meet {where}, where u grows like the logarithm of the distance: "
+                "give the radius r of the curve's cross section, junctions=ck.Junction(radius=r), or use "
+                "form='collocation', where the spacing decides what flows."
             )
 
 

@@ -180,7 +180,7 @@ def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
         "no second Laplacian on unions of several dimensions": len(dims) > 1 and scene.problem.family == "biharmonic",
     }
     junction = unsupported_junction(surface)
-    accepted = "curves in surfaces, surfaces on the boundary of solids, and curves that meet surfaces at points"
+    accepted = "members that lie in others or on the boundary of solids, and curves that meet surfaces at points"
     reasons[f"{accepted}; {junction}"] = bool(junction)
     return next((reason for reason, holds in reasons.items() if holds), "")
 

@@ -97,7 +97,7 @@ def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> Edge
     edge: dict[Any, Any] = {}
     members, (_, own_starts) = members_of(scene.surface), _first_loops(scene.surface, numbers)
     for meeting in meetings_of(scene.surface):
-        divides = meeting.how == "within" and meeting.higher in numbers
+        divides = meeting.how in ("within", "inside") and meeting.higher in numbers
         for number in () if divides else {meeting.lower, meeting.higher} & {*numbers}:
             loops = edges_near(members[number], meeting.places)
             edge |= {own_starts[numbers.index(number)] + loop: JunctionSide() for loop in loops}
@@ -115,7 +115,7 @@ def _ends_within(scene: Scene, numbers: Sequence[int]) -> dict[int, Condition]:
     members = members_of(surface)
     starts, own_starts = _first_loops(surface, numbers)
     for meeting in meetings_of(surface):
-        if meeting.lower not in numbers or meeting.how not in ("along", "within"):
+        if meeting.lower not in numbers or meeting.how not in ("along", "within", "inside"):
             continue
         for end, at in edges_near(members[meeting.lower], meeting.places).items():
             condition: Condition = JunctionSide()

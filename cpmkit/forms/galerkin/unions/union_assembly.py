@@ -15,7 +15,7 @@ from cpmkit.forms.galerkin.equation_assembly import GalerkinOperator
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.space.energy import scalar_coefficient
-from cpmkit.forms.galerkin.unions.junctions import Contact, PointContact, contact_blocks, point_contact_blocks
+from cpmkit.forms.galerkin.unions.junctions import Contact, DiscContact, contact_blocks, disc_contact_blocks
 from cpmkit.forms.galerkin.unions.part_scenes import restrict_fields
 from cpmkit.forms.galerkin.unions.union_parts import PartFlux, UnionPart
 from cpmkit.forms.options import Options
@@ -44,8 +44,8 @@ class UnionAssembly:
     parts: tuple[UnionPart, ...]  #: The members of each dimension, ascending.
     #: The samples at which parts touch, by the numbers of the part of higher dimension and that of lower dimension.
     contacts: Mapping[tuple[int, int], Contact] = field(repr=False)
-    #: The points at which curves meet surfaces, by the same numbers.
-    point_contacts: Mapping[tuple[int, int], PointContact] = field(repr=False)
+    #: The points at which curves meet surfaces, or that they have in solids, by the same numbers.
+    disc_contacts: Mapping[tuple[int, int], DiscContact] = field(repr=False)
 
     @property
     def forms(self) -> list[Galerkin]:
@@ -86,14 +86,14 @@ class UnionAssembly:
             conditions = operators[high].conditions
             assert conditions is not None
             _add_blocks(blocks, high, low, contact_blocks(conditions, contact))
-        for (high, low), at_points in self.point_contacts.items():
+        for (high, low), at_points in self.disc_contacts.items():
             part = self.parts[high]
             a = part.form.coefficients.diffusivity(self._terms_of(part, terms).diffusivity)
             a = scalar_coefficient(part.form.space.splines, a)
             at = np.broadcast_to(a[:1], len(at_points.nearest)) if len(a) == 1 else a[at_points.nearest]
             of_curves = operators[low].conditions
             assert of_curves is not None
-            _add_blocks(blocks, high, low, point_contact_blocks(at_points, at, self.spacing, of_curves))
+            _add_blocks(blocks, high, low, disc_contact_blocks(at_points, at, of_curves))
         return UnionOperator(
             _stack_blocks(blocks),
             all(each.symmetric for each in operators),

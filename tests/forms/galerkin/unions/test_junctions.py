@@ -3,7 +3,19 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from union_problems import BALL, RING, ROD, SPHERE, exchange, in_ball, on_ring, on_sphere, ring_on_sphere, rod_on_sphere
+from union_problems import (
+    BALL,
+    RING,
+    ROD,
+    SPHERE,
+    VESSEL,
+    exchange,
+    in_ball,
+    on_ring,
+    on_sphere,
+    ring_on_sphere,
+    rod_on_sphere,
+)
 
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
@@ -73,7 +85,7 @@ def test_a_rod_on_a_sphere_has_the_value_of_its_radius_at_any_spacing(radius):
             solution = ck.solve(scene, spacing, estimate=False)
             on_rod, opposite = solution.of_dimension(1), solution.of_dimension(2).evaluate(place[3])
             found = np.array([on_rod.evaluate(place[0]), on_rod.evaluate(place[2]), opposite])
-            np.testing.assert_allclose(found, expected, rtol=0.012)
+            np.testing.assert_allclose(found, expected, rtol=0.006)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -105,6 +117,7 @@ SCENES = {
     "ball": ([BALL, SPHERE], ck.Junction(resistance=0.5)),
     "ball, continuous": ([SPHERE, BALL], ck.Junction()),
     "rod": ([SPHERE, ROD], ck.Junction(radius=0.05)),
+    "vessel": ([BALL, VESSEL], ck.Junction(radius=0.05, resistance=0.1)),
     "ring and rod": ([SPHERE, RING, ROD], {(0, 2): ck.Junction(radius=0.05), (0, 1): ck.Junction(resistance=0.1)}),
 }
 
@@ -151,9 +164,10 @@ def test_species_inside_and_on_the_membrane_react_each_by_its_own_law():
     assert total == pytest.approx(np.exp(-0.5) * (2 * 4 * np.pi / 3 + 0.2 * 4 * np.pi), rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["ring", "ball", "rod"])
+@pytest.mark.parametrize("name", ["ring", "ball", "rod", "vessel"])
 def test_two_sources_are_reciprocal(name):
-    places = np.array([[0.0, 0.6, 0.8], {"ring": [0.0, 1.0, 0], "ball": [0.1, 0.2, 0.1], "rod": [2.0, 0, 0]}[name]])
+    second = {"ring": [0.0, 1.0, 0], "ball": [0.1, 0.2, 0.1], "rod": [2.0, 0, 0], "vessel": [-0.39, 0.09, 0.125]}
+    places = np.array([[0.0, -0.6, 0.3] if name == "vessel" else [0.0, 0.6, 0.8], second[name]])
     found = [
         ck.solve(scene_of(name, ck.ScreenedPoisson(ck.PointSource(place[None]))), 0.25).evaluate(other)
         for place, other in (places, places[::-1])
@@ -161,16 +175,18 @@ def test_two_sources_are_reciprocal(name):
     assert found[0] == pytest.approx(found[1], rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["ring", "ball", "rod"])
+@pytest.mark.parametrize("name", ["ring", "ball", "rod", "vessel"])
 def test_a_moved_turned_and_scaled_scene_has_the_same_solution(name):
     """At the scale s, integrals over a member of dimension m have the factor s^m, and the coefficients s^-m."""
     members, law = SCENES[name]
     turn, shift, scale = Rotation.from_euler("xyz", [0.3, 0.7, -0.4]), np.array([2.0, -1.0, 0.5]), 2.0
     dims = [member.manifold_dim for member in members]
     places = {
-        1: on_ring(50) if name == "ring" else np.array([[1.5, 0, 0], [2, 0, 0]]),
+        1: {"ring": on_ring(50), "vessel": VESSEL.closest_point(in_ball(20)).points}.get(
+            name, np.array([[1.5, 0, 0], [2, 0, 0]])
+        ),
         2: on_sphere(50),
-        3: in_ball(50),
+        3: in_ball(50) if name != "vessel" else in_ball(50)[VESSEL.closest_point(in_ball(50)).distance > 0.42],
     }
     one = ck.solve(scene_of(name, ck.Elliptic(f=lambda x: x[:, 0], c=1.0)), 0.14)
     motion = {"rotation": turn.as_matrix(), "translation": shift, "scale": scale}
@@ -248,7 +264,7 @@ def test_fluxes_and_sides_are_those_of_the_members():
 @pytest.mark.parametrize(
     ("members", "sentence"),
     [
-        ([BALL, ck.source("analytic.circle", radius=0.5, normal=[0, 0, 1])], "meet inside the solid"),
+        ([BALL, ck.source("analytic.segment", start=[0.0, 0, 0], end=[2.0, 0, 0])], "in part only"),
         ([BALL, ROD], "in a point or along an edge"),
         ([BALL, RING], "meet along a curve"),
         ([ck.source("trimmed", of=SPHERE, trim="x - 0.3"), RING], "in part only"),
