@@ -35,6 +35,7 @@ from cpmkit.forms.galerkin.solids.solid_sampling import SampledSolid
 from cpmkit.forms.galerkin.solution_warnings import crossing_warnings, outflow_layer_warnings, tip_warnings
 from cpmkit.forms.galerkin.solve_memory import GalerkinWork, SolveMemory
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.forms.galerkin.space.projection_in_range import project_in_range
 from cpmkit.forms.options import Options
 from cpmkit.linear.multigrid.solver import Level
 from cpmkit.linear.operators import CsrOperator, Operator, Stiffness, without_border
@@ -46,9 +47,6 @@ from cpmkit.scene.data import Data, Functional
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
-
-#: Data are not resolved if their projection differs by more than this share of their range: they have jumps or spikes.
-UNRESOLVED_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,22 +221,10 @@ class Galerkin(EquationAssembly, Discretized):
     ) -> Floats:
         """Return the unknowns (n, channels) of the L2 projections of ``data``, or with ``in_range`` without overshoots.
 
-        The projections overshoot by a tenth of a jump on both sides, and below zero beside a spike. With ``in_range``
-        the coefficients of channels with spikes or jumps are therefore the means of the data under each spline, which
-        keep the range and the total, and spread the data as heat does in a time of (degree + 1) h^2 / 12. Data are
-        those at ``time``, called ``label`` in errors; ``step`` is unused.
+        See :func:`project_in_range`. Data are those at ``time``, called ``label`` in errors; ``step`` is unused.
         """
         values = self.data_at_points(data, label, time, self.scene.channels)
-        loads = self.space.load(values)
-        u = self.space.solve_projection(loads)
-        if not in_range:
-            return u
-        off, integrals = np.abs(self.at_points(u) - values).max(axis=0, initial=0.0), self.space.spline_integrals
-        rough = off > UNRESOLVED_SHARE * np.ptp(values, axis=0)
-        seen = np.flatnonzero(integrals > 0)
-        u[self.space.spline_count :, rough] = 0.0
-        u[np.ix_(seen, rough)] = loads[np.ix_(seen, rough)] / integrals[seen, None]
-        return u
+        return project_in_range(self.space, values) if in_range else self.space.project(values)
 
     def inner(self, u: Floats, v: Floats) -> Floats:
         """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""

@@ -98,6 +98,26 @@ def test_a_jump_stays_within_its_values(step):
     assert solution.frames[0].totals == pytest.approx(2 * np.pi * 0.7, rel=2e-2)
 
 
+@pytest.mark.parametrize("jump", [0.3, 1.0])
+def test_a_jump_spreads_no_data_elsewhere(jump):
+    """A narrow bump keeps its height beside a jump two units away, and the total is that of the data."""
+    top = np.array([[0.0, 0, 1]])
+
+    def bump(x):
+        return np.exp(-60 * ((x - top) ** 2).sum(axis=1))
+
+    first = [
+        ck.solve(ck.Scene(SPHERE, ck.Heat(data, until=1.0, step=1.0, frames=[0.0])), 0.14, estimate=False).frames[0]
+        for data in (bump, lambda x: bump(x) + jump * (x[:, 2] < -0.7))
+    ]
+    assert first[0].evaluate(top) == pytest.approx([1.0], abs=0.03)
+    assert first[1].evaluate(top) == pytest.approx(first[0].evaluate(top), abs=1e-3)
+    assert first[1].totals - first[0].totals == pytest.approx(jump * 2 * np.pi * 0.3, rel=0.02)
+    form = first[1].discretized
+    exact = form.point_weights @ (bump(form.points) + jump * (form.points[:, 2] < -0.7))
+    assert first[1].totals == pytest.approx([exact], rel=1e-10)
+
+
 def test_smooth_data_are_not_spread():
     """Of the frame at time 0 the error is of third order."""
     at = sphere_points(500)

@@ -202,7 +202,7 @@ class FunctionSpace:
         return UnsignedCsr.from_matrix(self.projection_matrix)
 
     @cached_property
-    def _projection_groups(self) -> RowGroups:
+    def pieces(self) -> RowGroups:
         """The functions of each connected component of the projection matrix."""
         from scipy.sparse.csgraph import connected_components
 
@@ -221,7 +221,7 @@ class FunctionSpace:
         columns = np.flatnonzero(np.any(loads != 0, axis=0))
         if len(columns):
             # Each piece of the manifold in a unit of its own, a power of two: small loads are as exact.
-            groups = self._projection_groups
+            groups = self.pieces
             size = groups.reduce_groups(np.maximum, np.abs(loads[:, columns]))
             unit = groups.spread_to_rows(np.ldexp(1.0, np.clip(np.frexp(size)[1], -1000, 1000)))
             b, apply = loads[:, columns] / unit, self._compiled_projection.apply
