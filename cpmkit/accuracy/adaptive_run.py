@@ -25,7 +25,7 @@ from cpmkit.forms.options import AccuracyTarget, lattice_options
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
-from cpmkit.types import Progress, no_progress
+from cpmkit.types import Floats, Progress, no_progress
 
 #: Least, best and largest ratio of the spacings of two solutions that are compared. With the estimate from the solution
 #: alone a large ratio is as accurate as a small one, and the coarse solution costs less.
@@ -73,7 +73,8 @@ class AdaptiveRun:
     order: float | None = None  #: The order at which errors fall, if it is not that of the form.
     started: float = field(default_factory=lambda: time.perf_counter())  #: ``perf_counter()`` at the start.
     solves: list[TimedSolve] = field(default_factory=list)  #: The solves so far; the last has the finest lattice.
-    in_time: float = 0.0  #: The error of the steps in time, as a share of the range; zero before it is computed.
+    #: (2,): the error of the steps in time, root mean square and largest, as shares of the range; zero at first.
+    in_time: Floats = field(default_factory=lambda: np.zeros(2))
     chosen_options: dict[str, Any] = field(default_factory=dict)  #: Options that the run chose.
     failure: Exception | None = None  #: The error that ended the run before its target was met.
     #: The error due to the source of the manifold, once it is computed, as a share of the range.
@@ -169,22 +170,30 @@ class AdaptiveRun:
     def shorten_steps(self) -> bool:
         """Shorten the scene's steps in time to an error of at most 0.3 of the tolerance; return whether they changed.
 
-        The error is computed by a further solve, on the lattice of the last, coarse solution, as it hardly depends on
-        the spacing; ``in_time`` becomes that of the steps then in use. Without a tolerance, and in a recipe, they stay.
+        The error is computed by a further solve, on the lattice of the last solution but one with the scene's steps;
+        ``in_time``, and the estimate of the last solution, become those of the steps then in use. Without a tolerance,
+        and in a recipe, they stay.
         """
         problem: Any = self.scene.problem
         if problem.family != "time" or self.is_recipe:
             return False
-        first = self.last.solution
-        same = {"origin": first.discretization()["origin"]}  # on another lattice errors in space would count
-        self.in_time = error_in_time(first, lambda scene, spacing: self.solve_scene(scene, spacing, **same))
+        coarse = [solve for solve in self.solves if self._has_scene_steps(solve)][-2:][0].solution
+        same = {"origin": coarse.discretization()["origin"]}  # on another lattice errors in space would count
+        self.in_time = error_in_time(coarse, lambda scene, spacing: self.solve_scene(scene, spacing, **same))
+        last = self.solves.pop()
+        self.solves.append(self._make_timed_solve(last.purpose, last.solution, last.seconds))
         order, most = order_in_time(problem), 0.3 * (self.target.tolerance or np.inf)
-        if self.in_time <= most:
+        if self.step_error <= most:
             return False
-        parts = math.ceil((self.in_time / most) ** (1 / order))
+        parts = math.ceil((self.step_error / most) ** (1 / order))
         self.scene = replace(self.scene, problem=replace(problem, step=problem.step / parts))
-        self.in_time /= parts**order
+        self.in_time = self.in_time / parts**order
         return True
+
+    @property
+    def step_error(self) -> float:
+        """The error of the steps in time in the norm of the target."""
+        return float(self.in_time[int(self.target.norm == "max")])
 
     def source_error(self) -> float:
         """Return the error due to the source of the manifold, as a share of the range of u; 0 for eigenvalues.

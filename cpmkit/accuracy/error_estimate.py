@@ -31,7 +31,7 @@ class ErrorEstimate:
     rms: Floats
     largest: Floats  #: (channels,): the largest error, as a share of the range; of eigenvalues the same as ``rms``.
     unit: Floats  #: (channels,): the range of the solution, its size where it is constant, or each eigenvalue.
-    in_time: float  #: The part of both that is due to the steps in time.
+    in_time: float  #: The part of ``rms`` that is due to the steps in time; ``largest`` has a part of its own.
     #: (channels,): the error, a share, due to the source of the manifold at any spacing; 0, unknown, for eigenvalues.
     floor: Floats
     at: Floats  #: (d,): the point where the solutions differ most, in the scene's coordinates.
@@ -194,7 +194,7 @@ def estimate_alone(solution: SolutionRecord) -> ExpectedError | None:
 def estimate_from(
     solution: SolutionRecord,
     coarse_solutions: Sequence[SolutionRecord],
-    in_time: float = 0.0,
+    in_time: Floats | None = None,
     order: float | None = None,
     alone: ExpectedError | None = None,
 ) -> ErrorEstimate:
@@ -205,8 +205,9 @@ def estimate_from(
     (docs/explanation/accuracy.md). With ``alone`` the result is a weighted geometric mean of this estimate and the
     estimate from the solution alone: the two are independent, and together are less often too small than either
     (measured there). It is at least the error that an eigenvalue near zero causes. The error of the steps in time,
-    ``in_time``, a share of the range, is added.
+    ``in_time`` (2,), root mean square and largest as shares of the range, is added.
     """
+    in_time = np.zeros(2) if in_time is None else in_time
     differences = [difference(solution, coarse) for coarse in coarse_solutions]
     form, modes, tiny = solution.discretized, solution.has_modes, np.finfo(float).tiny
     diagnoses = [
@@ -223,15 +224,15 @@ def estimate_from(
     source_error = 0.0 if modes else form.source_error()
     slow = diagnoses[-1].slow
     if not slow and alone is not None and alone.unresolved:
-        first = "the steps in time make most of the error: halve the step first; " if in_time > largest.max() else ""
+        first = "the steps in time make most of the error: halve the step first; " if in_time[1] > largest.max() else ""
         slow = f"{first}waves or peaks that the spacing hardly resolves; the error may fall slowly"
     if not slow and resonant_largest >= 1:
         slow = "an eigenvalue is as near as its error: size and sign of the solution are not determined"
     return ErrorEstimate(
-        rms + in_time,
-        largest + in_time,
+        rms + in_time[0],
+        largest + in_time[1],
         coarsest.unit,
-        in_time,
+        float(in_time[0]),
         np.full(len(coarsest.unit), source_error),
         coarsest.at,
         slow,

@@ -100,16 +100,17 @@ def _is_unresolved(solution: SolutionRecord) -> bool:
     return form.diagnosis().unresolved or (problem.family == "steady" and not resolves_waves(form, problem.terms()))
 
 
-def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
-    """Return the error of the steps in time, as a share of the range, from a further solve with twice the step.
+def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> Floats:
+    """Return the error of the steps in time from a further solve with twice the step.
 
-    ``solve_at`` makes this solve, on the lattice of ``solution``. The error hardly depends on the spacing, so a coarse
-    solution suffices. 0 for equations without time, and if twice the step exceeds the duration. Raises ResolutionError,
-    which says that the user's own run is unaffected, if the run with twice the step is refused.
+    The result (2,) is the root mean square and the largest error, shares of the range. ``solve_at`` makes this solve,
+    on the lattice of ``solution``; a coarse one suffices if it resolves what the velocity moves. 0 for equations
+    without time, and if twice the step exceeds the duration. Raises ResolutionError, which says that the user's own run
+    is unaffected, if the run with twice the step is refused.
     """
     problem: Any = solution.scene.problem
     if problem.family != "time" or 2 * problem.step > problem.duration:
-        return 0.0
+        return np.zeros(2)
     longer: Any = replace(problem, step=2 * problem.step)
     try:
         other = solve_at(replace(solution.scene, problem=longer), solution.spacing)
@@ -120,7 +121,7 @@ def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
             f"run failed ({why}). Your own run with step={problem.step:.3g} is unaffected; to have its error, halve "
             "the step."
         ) from error
-    return float(difference(solution, other).sizes[1].max() / (2 ** order_in_time(problem) - 1))
+    return np.asarray(difference(solution, other).sizes.max(axis=1) / (2 ** order_in_time(problem) - 1))
 
 
 def order_in_time(problem: Evolution) -> int:

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from cpmkit.accuracy.adaptive_run import LEAST_RATIO, AdaptiveRun, TimedSolve
+from cpmkit.accuracy.adaptive_run import BEST_RATIO, LEAST_RATIO, AdaptiveRun, TimedSolve
 from cpmkit.errors import CpmkitError, ResolutionError
 from cpmkit.forms.choice import cost_model
 from cpmkit.forms.cost_model import fit_linear_cost, fitting_unknowns, growth_through
@@ -31,8 +31,8 @@ MOST_SLOW_ORDER = 1.3
 #: largest, so that solutions can be compared, and no integer, since lattices would share nodes; and the ratio up to
 #: which no solve is made in between.
 LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.38, 2.45, 3.3
-#: Number of answers after which the search ends.
-MOST_ANSWERS = 3
+#: Number of answers after which the search ends, and number of times that steps in time are shortened.
+MOST_ANSWERS, MOST_SHORTENED = 3, 5
 #: The largest ratio from the cheap first solve to the second, and the ratio without an estimate of the first.
 FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.48, 2.2
 #: The error below which cubic splines take less time than quadratic ones: the mean over a sphere and a torus, by the
@@ -60,6 +60,15 @@ def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
         run.solve("pilot", run.last.spacing / _first_factor(run))
         check_memory(run)
         _refine_spacing(run)
+        # Coarse lattices smooth what moves, and errors of steps were too small there; long steps are all as wrong.
+        for _ in range(MOST_SHORTENED if tolerance else 0):
+            here = run.last.spacing
+            if run.shorten_steps():
+                run.solve("companion", BEST_RATIO * here)
+                run.solve("correction", here)
+            elif _is_accepted(run, _reachable_tolerance(run)):
+                break
+            _refine_spacing(run)
     except (CpmkitError, MemoryError) as error:
         run.failure = error
     check_memory(run)
@@ -213,7 +222,7 @@ def assumed_order(run: AdaptiveRun) -> float:
     """
     observed = prior = _prior_order(run)
     pair = _comparable_solves(run)[-2:]
-    errors = [solve.error - run.in_time for solve in pair]
+    errors = [solve.error - run.step_error for solve in pair]
     if len(pair) < 2 and not math.isnan(run.last.expected_error):
         pair = run.solves[-2:]
         errors = [solve.expected_error for solve in pair]

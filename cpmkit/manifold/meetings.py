@@ -138,14 +138,23 @@ def _without_tangents(curve: ClosestPointSource, other: ClosestPointSource, plac
 
 
 def edges_near(source: ClosestPointSource, places: Floats) -> dict[int, Floats]:
-    """Return a point (1, d) of each edge loop of ``source`` on which some of ``places`` (k, d) lie, by its number.
+    """Return points (m, d) of each edge loop of ``source`` on which some of ``places`` (k, d) lie, by its number.
 
     Steps away from the places decide: the closest point to an end may be off all edges, by rounding.
     """
     steps = _steps(source.dim, touching_distance(source))
     feet = source.closest_point((places[:, None] + steps).reshape(-1, source.dim))
-    loops, rows = np.unique(feet.edge, return_index=True)
-    return {int(loop): feet.points[[row]] for loop, row in zip(loops, rows, strict=True) if loop >= 0}
+    return {int(loop): feet.points[feet.edge == loop] for loop in np.unique(feet.edge[feet.edge >= 0])}
+
+
+def is_on_edge(source: ClosestPointSource, points: Floats, loop: int | None) -> Bools:
+    """Return whether each of ``points`` (n, d) is on the edge ``loop`` of ``source``, on any for None.
+
+    As for :func:`edges_near`, steps away from the points decide.
+    """
+    steps = _steps(source.dim, touching_distance(source))
+    edge = source.closest_point((points[:, None] + steps).reshape(-1, source.dim)).edge.reshape(len(points), -1)
+    return np.asarray(((edge >= 0) if loop is None else (edge == loop)).any(axis=1))
 
 
 def distinct_places(places: Floats, of: ClosestPointSource) -> Floats:

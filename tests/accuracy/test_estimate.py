@@ -91,7 +91,7 @@ def test_the_step_is_to_be_halved_first_where_it_makes_most_of_the_error(step, f
     error = ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.15).error
     assert ("halve the step first" in str(error)) is first
     assert "waves or peaks that the spacing hardly resolves" in error.slow
-    assert bool(error.in_time > 0.5 * error.largest[0]) is first
+    assert bool(error.in_time > 0.5 * error.rms[0]) is first
 
 
 def test_a_run_with_twice_the_step_that_fails_leaves_the_solution_and_says_so():

@@ -184,7 +184,8 @@ def near_boundary_warnings(scene: Scene, solid: Galerkin) -> tuple[str, ...]:
             at = meeting.places
             near = tree.query(at)[0] < lattice.spacing
             for end in edges_near(members_of(scene.surface)[meeting.lower], at).values():
-                near &= (norms(at - end) > ENDS_SPACINGS * lattice.spacing) | (tree.query(end)[0] > lattice.spacing)
+                is_far = norms(at - end[0]) > ENDS_SPACINGS * lattice.spacing
+                near &= is_far | (tree.query(end[0])[0] > lattice.spacing)
             if near.any():
                 return (
                     f"Member {meeting.lower} of the union runs within a spacing of the boundary of member "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from itertools import accumulate
@@ -13,18 +13,17 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.manifold.abilities import edge_limit_of, members_of
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.manifold.meetings import distinct_places, edges_near, is_near, meetings_of
+from cpmkit.manifold.meetings import distinct_places, edges_near, is_near, is_on_edge, meetings_of
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import member_dimensions
 from cpmkit.scene.boundary import Boundary
-from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import is_sequence
-from cpmkit.scene.edge_conditions import EdgeConditions, conditions_along
+from cpmkit.scene.edge_conditions import ByPosition, EdgeConditions, LoopConditions, Part, loops_of_edge
 from cpmkit.scene.junction import CONTINUOUS, JunctionSide
 from cpmkit.scene.laws import Value
 from cpmkit.scene.member_data import MemberData
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 
 def scenes_by_dimension(scene: Scene) -> list[tuple[tuple[int, ...], Scene]]:
@@ -43,7 +42,7 @@ def scenes_by_dimension(scene: Scene) -> list[tuple[tuple[int, ...], Scene]]:
         boundaries = [each for each in scene.boundaries if scene.oriented(each).dimension == dim]
         boundaries += _cuts(scene, numbers)
         problem = restrict_fields(scene.problem, partial(restrict_data, numbers=numbers, own=own))
-        part = Scene(own, problem, boundaries, _edge(scene, numbers, own))
+        part = Scene(own, problem, boundaries, _edge(scene, numbers))
         found.append((numbers, _with_channels(part, scene.channels)))
     return found
 
@@ -85,13 +84,13 @@ def _branches(curve: ClosestPointSource, places: Floats, surface: ClosestPointSo
     return np.where(is_near(curve, places, surface), np.where(at_end, 1, 2), 0)
 
 
-def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> EdgeConditions:
-    """Return the conditions on the edge of the members ``numbers``, whose union is ``own``.
+def _edge(scene: Scene, numbers: Sequence[int]) -> EdgeConditions:
+    """Return the conditions on the edge of the union of the members ``numbers``.
 
-    In a table, loops that lie on other members have zero flux unless the scene names them. Ends of curves that lie in a
-    member of higher dimension have zero flux too, or the value that the edge of that member has there.
+    In a table, loops that lie on other members have zero flux unless the scene names them. Ends of curves and rims of
+    surfaces that lie in a member of higher dimension have zero flux too, or the value that the edge of that has there.
     """
-    ends = _ends_within(scene, numbers) if own.manifold_dim == 1 else {}
+    ends = _ends_within(scene, numbers)
     if not isinstance(scene.edge, Mapping):
         return {**ends, **dict[Any, Any]({None: scene.edge})} if ends else scene.edge
     edge: dict[Any, Any] = {}
@@ -109,21 +108,35 @@ def _edge(scene: Scene, numbers: Sequence[int], own: ClosestPointSource) -> Edge
     return edge
 
 
-def _ends_within(scene: Scene, numbers: Sequence[int]) -> dict[int, Condition]:
-    """Return the conditions at ends of the curves ``numbers`` that lie in members of higher dimension, by loops."""
-    surface, found = scene.surface, dict[int, Condition]()
-    members = members_of(surface)
-    starts, own_starts = _first_loops(surface, numbers)
+def _ends_within(scene: Scene, numbers: Sequence[int]) -> dict[int, LoopConditions]:
+    """Return the conditions at ends and rims of the members ``numbers`` that lie in others, by loops of their union."""
+    surface, found = scene.surface, dict[int, LoopConditions]()
+    members, (_, own_starts) = members_of(surface), _first_loops(surface, numbers)
     for meeting in meetings_of(surface):
-        if meeting.lower not in numbers or meeting.how not in ("along", "within", "inside"):
-            continue
-        for end, at in edges_near(members[meeting.lower], meeting.places).items():
-            condition: Condition = JunctionSide()
-            for loop in edges_near(members[meeting.higher], at):
-                ((there, _),) = conditions_along(scene.edge, np.array([starts[meeting.higher] + loop]), at)
-                condition = there if isinstance(there.law, Value) else condition
-            found[own_starts[numbers.index(meeting.lower)] + end] = condition
+        lower = members[meeting.lower]
+        kinds = ("along", "within", "inside") if largest_dim(lower) == 1 else ("within",)
+        if meeting.lower in numbers and meeting.how in kinds:
+            first, values = own_starts[numbers.index(meeting.lower)], [*_values_on_edge(scene, meeting.higher)]
+            for loop, at in edges_near(lower, meeting.places).items():
+                parts = [part for part in values if part.where is not None and part.where(at).any()]
+                rest: LoopConditions = JunctionSide() if not parts else ByPosition((*parts, Part(JunctionSide())))
+                found[first + loop] = parts[0].condition if parts and largest_dim(lower) == 1 else rest
     return found
+
+
+def _values_on_edge(scene: Scene, number: int) -> Iterator[Part]:
+    """Yield the conditions on the edge of member ``number`` that are values, each with the places where it holds."""
+    member, (starts, _) = members_of(scene.surface)[number], _first_loops(scene.surface, (number,))
+
+    def holds(points: Floats, loop: int | None, conditions: ByPosition, part: int) -> Bools:
+        own_loop = None if loop is None else loop - starts[number]
+        return np.asarray(is_on_edge(member, points, own_loop) & (conditions.part_at(points) == part))
+
+    for loop, conditions in loops_of_edge(scene.edge).items():
+        if loop is None or starts[number] <= loop < starts[number + 1]:
+            for k, part in enumerate(conditions.parts):
+                if isinstance(part.condition.law, Value):
+                    yield Part(part.condition, partial(holds, loop=loop, conditions=conditions, part=k))
 
 
 def own_loop_of(surface: ClosestPointSource, numbers: Sequence[int], loop: int) -> int | None:

@@ -84,6 +84,28 @@ def test_a_fracture_from_edge_to_edge_has_the_values_there(edge):
     assert found.flux("edge") == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("edge", ["by loop", "by position", "in parts of a loop"])
+def test_the_rim_of_a_fracture_in_space_has_the_values_of_the_edge_where_it_reaches_them(edge):
+    """As in the plane; on the sides without values, and where the rim is inside, nothing flows through it."""
+    block = ck.source("analytic.box", lower=[0.0, 0, 0], upper=[2.0, 1, 1])
+    warm, cold, insulated = ck.Dirichlet(1.0), ck.Dirichlet(0.0), ck.Neumann(0.0)
+    conditions = {
+        "by loop": {0: warm, 1: cold, 2: insulated, 3: insulated, 4: insulated, 5: insulated},
+        "by position": [(warm, "x < 1e-9"), (cold, "x > 2 - 1e-9"), insulated],
+        "in parts of a loop": {0: [(warm, "y < 2"), cold], 1: cold, **dict.fromkeys(range(2, 6), insulated)},
+    }
+    for width in (1.0, 0.6):  # the narrower one has a rim inside
+        corners = [[0, 0, 0.5], [2, 0, 0.5], [2, width, 0.5], [0, width, 0.5]]
+        fracture = ck.source("mesh.triangles", vertices=corners, faces=[[0, 1, 2], [0, 2, 3]], closest="faceted")
+        union = ck.source("union", members=[block, fracture])
+        problem = ck.Elliptic(f=0.0, diffusivity=ck.MemberData(union, [1.0, 5.0]))
+        found = ck.solve(ck.Scene(union, problem, edge=conditions[edge]), 0.25, estimate=False)
+        points = np.random.default_rng(0).uniform([0, 0, 0], [2, width, 1], (100, 3))
+        assert found.of_dimension(3).evaluate(points) == pytest.approx(1 - points[:, 0] / 2, abs=1e-4)
+        points[:, 2] = 0.5
+        assert found.of_dimension(2).evaluate(points) == pytest.approx(1 - points[:, 0] / 2, abs=1e-4)
+
+
 @pytest.mark.parametrize("spacing", [0.2, 0.15, 0.1])
 @pytest.mark.parametrize("is_reversed", [False, True])
 @pytest.mark.parametrize("solid", ["box", "disc"])
