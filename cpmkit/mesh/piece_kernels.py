@@ -44,9 +44,11 @@ def contains(corners: Floats, first: int, last: int, normal: Floats, x: Floats) 
             if along < 0:
                 return False
             continue
-        a, b = corners[following] - corners[k], x - corners[k]
-        across = normal[0] * (a[1] * b[2] - a[2] * b[1]) + normal[1] * (a[2] * b[0] - a[0] * b[2])
-        if across + normal[2] * (a[0] * b[1] - a[1] * b[0]) < 0:
+        a0, b0 = corners[following, 0] - corners[k, 0], x[0] - corners[k, 0]  # arrays would be allocated each time
+        a1, b1 = corners[following, 1] - corners[k, 1], x[1] - corners[k, 1]
+        a2, b2 = corners[following, 2] - corners[k, 2], x[2] - corners[k, 2]
+        across = normal[0] * (a1 * b2 - a2 * b1) + normal[1] * (a2 * b0 - a0 * b2) + normal[2] * (a0 * b1 - a1 * b0)
+        if across < 0:
             return False
     return True
 
