@@ -26,6 +26,7 @@ from cpmkit.forms.galerkin.conditions.nitsche import (
     interface_products,
     linear_form_rows,
     one_sided_products,
+    scaled_rows,
     side_factors,
     sum_of_symmetrised_products,
     tie_products,
@@ -198,8 +199,7 @@ class ConditionTerms:
             numbers = rows[some]
             coefficients = self.a[numbers], self.samples.weights[numbers], widths[some], penalty
             products, factors = one_sided_products(alpha[some], beta[some], *coefficients)
-            forms = [(self.linear_forms(x, numbers), self.linear_forms(y, numbers)) for x, y in products]
-            matrices.append(sum_of_symmetrised_products(forms))
+            matrices.append(self.sum_of_products(products, numbers))
             loads.append(self.linear_forms(factors, numbers).T.tocsr())
         return AddedTerms(sum(matrices[1:], matrices[0]), hstack(loads, format="csr"), self._data(conditions, "datum"))
 
@@ -211,9 +211,7 @@ class ConditionTerms:
         a, widths = [self.a[side] for side in rows], [self.widths[side] for side in rows]
         resistance = join_values(conditions, lambda each: each.law.resistance)
         products, factors = interface_products(a, widths, resistance, self.samples.weights[left])
-        matrix = sum_of_symmetrised_products(
-            [(self.linear_forms(x, left, right), self.linear_forms(y, left, right)) for x, y in products]
-        )
+        matrix = self.sum_of_products(products, left, right)
         load = vstack([self.linear_forms(each, left, right) for each in factors]).T.tocsr()
         return AddedTerms(matrix, load, self._data(conditions, "jump") + self._data(conditions, "flux"))
 
@@ -226,10 +224,7 @@ class ConditionTerms:
         for each in conditions:
             rows = np.stack(each.sides, axis=1)
             weights = self.samples.weights[each.rows]
-            products = tie_products(self.a[rows], self.widths[rows], weights)
-            matrix += sum_of_symmetrised_products(
-                [(self.linear_forms(x, *each.sides), self.linear_forms(y, *each.sides)) for x, y in products]
-            )
+            matrix += self.sum_of_products(tie_products(self.a[rows], self.widths[rows], weights), *each.sides)
             if self.outward_speed is not None:
                 for tested, value in tie_upwinding(self.outward_speed[rows], weights):
                     matrix += self.linear_forms(tested, *each.sides).T.tocsr() @ self.linear_forms(value, *each.sides)
@@ -252,12 +247,23 @@ class ConditionTerms:
         data = self._data(conditions, "jump" if couples else "datum")
         return AddedTerms(load @ self.linear_forms(value, *rows), load, data)
 
+    def sum_of_products(self, products: Sequence[tuple[Floats, Floats]], *rows: Ints) -> csr_array:
+        """Return the matrix (n, n) of ``products`` of linear forms at the samples ``rows``, with transposed ones."""
+        from scipy.sparse import csr_array
+
+        forms = [
+            (self.linear_forms(x, *rows), self.linear_forms(y, *rows))
+            for x, y in products
+            if y.any()  # half of the products of a value, and all of a flux, are zero
+        ]
+        return sum_of_symmetrised_products(forms) if forms else csr_array((self.values.shape[1],) * 2)
+
     def linear_forms(self, factors: Floats, *rows: Ints) -> csr_array:
         """Return the matrix (k, n) of the linear forms ``factors`` (k, s, 2) at the samples ``rows``, s times (k,)."""
         if len(rows) == 1:  # without the traces of all samples, of which a skin has many
-            of_value, of_slope = (factors[:, 0, k, None] for k in range(2))
-            forms = self.values[rows[0]] * of_value
-            return (forms + self.slopes[rows[0]] * of_slope if of_slope.any() else forms).tocsr()
+            of_value, of_slope = factors[:, 0].T
+            forms = scaled_rows(self.values[rows[0]], of_value)
+            return forms + scaled_rows(self.slopes[rows[0]], of_slope) if of_slope.any() else forms
         return linear_form_rows(factors, np.stack(rows, axis=1), self._traces)
 
     @cached_property

@@ -175,6 +175,14 @@ def linear_form_rows(factors: Floats, rows: Ints, traces: csr_array) -> csr_arra
     return (chosen @ traces).tocsr()
 
 
+def scaled_rows(matrix: csr_array, factors: Floats) -> csr_array:
+    """Return a matrix (k, n) whose rows are multiplied by ``factors`` (k,); SciPy's product would sort its entries."""
+    from scipy.sparse import csr_array
+
+    data = matrix.data * np.repeat(factors, np.diff(matrix.indptr))
+    return csr_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
 def sum_of_symmetrised_products(products: Sequence[tuple[csr_array, csr_array]]) -> csr_array:
     """Return the sum of ``x^T y + y^T x`` over ``products`` (x, y) of matrices (k, n), symmetric to the last bit."""
     from scipy.sparse import vstack

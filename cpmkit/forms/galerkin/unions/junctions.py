@@ -32,7 +32,6 @@ from cpmkit.forms.galerkin.conditions.nitsche import (
     NITSCHE_PENALTY,
     SKIN_PENALTY,
     one_sided_products,
-    sum_of_symmetrised_products,
 )
 from cpmkit.types import Floats, Ints, SparseMatrix
 
@@ -70,9 +69,7 @@ def contact_blocks(terms: ConditionTerms, contact: Contact) -> tuple[SparseMatri
     a, weights = terms.a[rows], terms.samples.weights[rows]
     widths = terms.widths[rows]
     products, factors = one_sided_products(contact.resistance * a, np.ones(len(rows)), a, weights, widths, penalty)
-    upper = sum_of_symmetrised_products(
-        [(terms.linear_forms(x, rows), terms.linear_forms(y, rows)) for x, y in products]
-    )
+    upper = terms.sum_of_products(products, rows)
     across = -(terms.linear_forms(factors, rows).T @ contact.lower).tocsr()
     return upper, across, _weighted_squares(contact.lower, factors[:, 0, 0])
 
