@@ -32,9 +32,10 @@ GAUSS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(M
 
 
 @compiled
-def contains(corners: Floats, first: int, last: int, normal: Floats, x: Floats) -> bool:
-    """Return whether a piece with ``corners`` first to last - 1 contains the point ``x`` (d,) of its plane or line."""
-    d = corners.shape[1]
+def contains(piece: int, x: Floats, geometry: Geometry) -> bool:
+    """Return whether ``piece`` contains the point ``x`` (d,) of its plane or line."""
+    _, _, corners, starts, normals, _ = geometry
+    d, first, last = len(x), starts[piece], starts[piece + 1]
     for k in range(first, last):
         following = k + 1 if k + 1 < last else first
         if d == 2:
@@ -47,8 +48,8 @@ def contains(corners: Floats, first: int, last: int, normal: Floats, x: Floats) 
         a0, b0 = corners[following, 0] - corners[k, 0], x[0] - corners[k, 0]  # arrays would be allocated each time
         a1, b1 = corners[following, 1] - corners[k, 1], x[1] - corners[k, 1]
         a2, b2 = corners[following, 2] - corners[k, 2], x[2] - corners[k, 2]
-        across = normal[0] * (a1 * b2 - a2 * b1) + normal[1] * (a2 * b0 - a0 * b2) + normal[2] * (a0 * b1 - a1 * b0)
-        if across < 0:
+        across = normals[piece, 0] * (a1 * b2 - a2 * b1) + normals[piece, 1] * (a2 * b0 - a0 * b2)
+        if across + normals[piece, 2] * (a0 * b1 - a1 * b0) < 0:
             return False
     return True
 
@@ -60,7 +61,7 @@ def is_inside(point: Floats, c: int, geometry: Geometry) -> bool:
     The way leads to the middle of the piece that is best seen from the point; it stays in the cell, which is convex.
     Points on the component count as inside. Of two pieces at one place that with the point on its inner side counts.
     """
-    order, piece_starts, corners, starts, normals, middles = geometry
+    order, piece_starts, _, _, normals, middles = geometry
     d = len(point)
     best, target = -1.0, -1
     for k in range(piece_starts[c], piece_starts[c + 1]):
@@ -85,7 +86,7 @@ def is_inside(point: Floats, c: int, geometry: Geometry) -> bool:
             along += normals[p, i] * way[i]
             offset += normals[p, i] * (middles[p, i] - point[i])
             size += normals[p, i] ** 2
-        if offset**2 <= ON_PIECE**2 * size and contains(corners, starts[p], starts[p + 1], normals[p], point):
+        if offset**2 <= ON_PIECE**2 * size and contains(p, point, geometry):
             return True
         if p == target or along == 0:
             continue
@@ -94,7 +95,7 @@ def is_inside(point: Floats, c: int, geometry: Geometry) -> bool:
             continue
         for i in range(d):
             x[i] = point[i] + t * way[i]
-        if contains(corners, starts[p], starts[p + 1], normals[p], x):
+        if contains(p, x, geometry):
             outward = along if t < share - SAME_CROSSING else max(along, outward)
             share = min(t, share)
     return outward > 0
