@@ -126,9 +126,12 @@ class Codes:
 
     def encode(self, points: Ints) -> Ints:
         """Return the codes (...,) of integer points (..., d), -1 outside the box."""
-        place = points - self.lower
-        inside = ((place >= 0) & (place < self.shape)).all(axis=-1)
-        return np.asarray(np.where(inside, place @ self.strides, -1), dtype=np.int64)
+        code, inside = np.zeros(points.shape[:-1], dtype=np.int64), np.ones(points.shape[:-1], dtype=bool)
+        for axis, stride in enumerate(self.strides):  # not all at once: NumPy is slow along short axes
+            place = points[..., axis] - self.lower[axis]
+            inside &= (place >= 0) & (place < self.shape[axis])
+            code += stride * place
+        return np.where(inside, code, -1)
 
     def decode(self, codes: Ints) -> Ints:
         """Return the integer points (n, d) of codes (n,)."""

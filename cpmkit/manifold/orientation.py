@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpmkit.manifold.vector_algebra import dots
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.types import Floats, Ints
 
 #: Samples within this many of their spacings may be neighbours.
@@ -76,8 +76,8 @@ def transported_cosines(first: Floats, second: Floats, chords: Floats, short: fl
     """
     length = np.linalg.norm(chords, axis=-1, keepdims=True)
     unit_chords = chords / np.where(length > 0, length, 1.0)
-    plain = np.sum(first * second, axis=-1)
-    mirrored = plain - 2 * np.sum(first * unit_chords, axis=-1) * np.sum(second * unit_chords, axis=-1)
+    plain = dots(first, second)
+    mirrored = plain - 2 * dots(first, unit_chords) * dots(second, unit_chords)
     return np.asarray(np.where(length[..., 0] <= short, plain, mirrored))
 
 
@@ -104,7 +104,7 @@ def propagate_signs(
     if tangents is not None:
         chord = points[pairs[:, 1]] - points[pairs[:, 0]]
         along = np.abs(np.einsum("kd,ked->ke", chord, tangents[pairs])).min(axis=1)
-        pairs = pairs[along >= 0.25 * np.linalg.norm(chord, axis=1)]  # neighbours on a curve lie ahead or behind
+        pairs = pairs[along >= 0.25 * norms(chord)]  # neighbours on a curve lie ahead or behind
     count, (first, second) = len(points), pairs.T
     chord = points[second] - points[first]
     agreement = transported_cosines(directions[first], directions[second], chord, SHORT_CHORD_SPACINGS * spacing)

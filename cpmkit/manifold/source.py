@@ -161,8 +161,8 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: boo
             )
     if union and answer.element is None:
         raise InputError(f"closest_point of {name}, a union, must return the member of each foot as element.")
-    bad = ~(np.isfinite(answer.distance) & np.isfinite(answer.points).all(axis=1))
-    if bad.any():
+    if not (np.isfinite(answer.distance).all() and np.isfinite(answer.points).all()):
+        bad = ~(np.isfinite(answer.distance) & np.isfinite(answer.points).all(axis=1))
         first = int(np.argmax(bad))
         raise InputError(
             f"closest_point of {name} must return finite points and distances, got "

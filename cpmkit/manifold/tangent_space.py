@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.orientation import Orientation
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.vector_algebra import unit
+from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.types import Bools, Floats, Ints
 
 
@@ -192,7 +192,7 @@ def feet_on_sheets(
     """
     if not source.has_local_minima:
         return np.arange(len(goal)), walk(source, goal, start, spacing, give_up=True).feet
-    reach = np.linalg.norm(goal - start.points, axis=1)
+    reach = norms(goal - start.points)
     rows, feet = source.local_minima(goal, float(reach.max()))
     within_reach = feet.distance <= reach[rows]
     rows, feet = rows[within_reach], feet.take(within_reach)
@@ -254,7 +254,7 @@ def walk(
         step = np.minimum(steps, STRIDE_SPACINGS * spacing / np.maximum(length, ARRIVED_SPACINGS * spacing)) * ahead
         reached = source.closest_point(current.points + step)
         moves = reached.points - current.points
-        distance = np.linalg.norm(moves, axis=1)
+        distance = norms(moves)
         whole = distance > 0.5 * STRIDE_SPACINGS * spacing
         strides[walking[whole]] = moves[whole] / distance[whole, None]
         feet, going = feet.replace_rows(walking, reached), distance > ARRIVED_SPACINGS * spacing

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.types import Floats
+from cpmkit.types import Bools, Floats
 
 
 def dots(a: Floats, b: Floats) -> Floats:
@@ -21,6 +22,11 @@ def dots(a: Floats, b: Floats) -> Floats:
 def norms(a: Floats) -> Floats:
     """Return the Euclidean lengths (...) of ``a`` (..., d) along the last axis."""
     return np.sqrt(dots(a, a))
+
+
+def every(flags: Bools) -> Bools:
+    """Return whether (...) all ``flags`` (..., d) along the last axis are set: for few of them faster than NumPy's."""
+    return np.asarray(reduce(np.logical_and, np.moveaxis(flags, -1, 0)))
 
 
 def unit(a: Floats) -> Floats:

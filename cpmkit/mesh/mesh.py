@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from cpmkit.grid.lattice import find_codes
-from cpmkit.manifold.vector_algebra import norms, unit
+from cpmkit.manifold.vector_algebra import every, norms, unit
 from cpmkit.types import Bools, Floats, Ints
 
 #: How the manifold runs between the vertices of a mesh. "flat": along the cells. "closest_point": through the closest
@@ -166,7 +166,7 @@ class Mesh:
         codes, place = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True)
         on_cut = np.zeros(count, dtype=bool)
         on_cut[ends] = True
-        candidates = np.flatnonzero(on_cut[edges.ends].all(axis=1))
+        candidates = np.flatnonzero(every(on_cut[edges.ends]))
         low, high = np.sort(edges.ends[candidates], axis=1).T
         at = find_codes(codes, low * count + high)
         number = np.full(len(codes), -1)

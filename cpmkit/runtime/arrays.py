@@ -25,8 +25,8 @@ def as_points(x: Any, dim: int, label: str = "points") -> Floats:
     points = np.ascontiguousarray(_as_floats(x, f"{label} must be numbers of shape (n, {dim})"))
     if points.ndim != 2 or points.shape[1] != dim:
         raise InputError(f"{label} must have shape (n, {dim}), got {np.shape(x)}.")
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if len(bad):
+    if not np.isfinite(points).all():
+        bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         raise InputError(
             f"{label} must be finite: {len(bad)} of {len(points)} rows hold NaN or infinity, first row {bad[0]}."
         )

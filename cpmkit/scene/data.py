@@ -150,8 +150,8 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
         if values.shape[1] != 1:
             raise InputError(f"{label} has {values.shape[1]} channels where the scene has {channels}.")
         values = np.repeat(values, channels, axis=1)
-    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-    if len(bad):
+    if not np.isfinite(values).all():
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
         several = f"{len(bad)} points, such as " if len(bad) > 1 else ""
         raise InputError(f"{label} must be finite, got NaN or infinity at {several}{place(points[bad[0]])}.")
     if np.abs(values).max(initial=0.0) > LARGEST_DATUM:

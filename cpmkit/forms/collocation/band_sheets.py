@@ -20,6 +20,7 @@ from cpmkit.grid.band import Band
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import unit_normals, walk
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.types import Bools, Floats, Ints
 
 #: Normals at two points of one sheet have at least this cosine.
@@ -49,15 +50,15 @@ def same_sheet(
     apart than the width of a stencil.
     """
     if not signed:
-        along = np.sum(normals * other_normals, axis=-1, keepdims=True)
-        other_normals = np.where(along < 0, -other_normals, other_normals)
+        along = dots(normals, other_normals)
+        other_normals = np.where(along[..., None] < 0, -other_normals, other_normals)
     chord, turn = other_feet - feet, other_normals - normals
-    height = 0.5 * np.abs(np.sum(chord * (normals + other_normals), axis=-1))
-    bend = 0.5 * np.sqrt(np.sum(chord * chord, axis=-1) * np.sum(turn * turn, axis=-1))
-    similar = np.sum(normals * other_normals, axis=-1) >= SAME_SHEET_COSINE
+    height = 0.5 * np.abs(dots(chord, normals + other_normals))
+    bend = 0.5 * np.sqrt(dots(chord, chord) * dots(turn, turn))
+    similar = dots(normals, other_normals) >= SAME_SHEET_COSINE
     allowed = SHEET_HEIGHT_SPACINGS * spacing + bend
     if slope:
-        allowed += slope * np.linalg.norm(chord, axis=-1)
+        allowed += slope * norms(chord)
     return np.asarray(similar & (height <= allowed))
 
 
@@ -79,7 +80,7 @@ class FootDirections:
 def foot_directions(band: Band) -> FootDirections:
     """Return the directions from the feet of all sites of the band to their nodes, without closest point queries."""
     offset = band.positions - band.feet.points
-    length = np.linalg.norm(offset, axis=1)
+    length = norms(offset)
     reliable = (length > ON_FOOT_SPACINGS * band.spacing) & (band.feet.edge < 0)
     if band.feet.doubtful is not None:
         reliable &= ~band.feet.doubtful
@@ -224,7 +225,7 @@ class BoundaryOnSheets:
             if not len(rows):
                 break
             walked = walk(self.surface, goal.points[rows], start.feet.take(rows), self.spacing, lengthened=False)
-            missed = np.linalg.norm(walked.feet.points - goal.points[rows], axis=1)
+            missed = norms(walked.feet.points - goal.points[rows])
             on_sheet[rows] = missed <= REACHED_GOAL_SPACINGS * self.spacing
             if not forward:
                 along = on_sheet[rows] & walked.last.any(axis=1)
@@ -237,11 +238,11 @@ class BoundaryOnSheets:
 
         So have points on the two slopes of a ridge: where normals differ much, only close pairs are True.
         """
-        along = np.sum(feet.normals * targets.normals, axis=1)
+        along = dots(feet.normals, targets.normals)
         other = targets.normals if self.signed else np.where(along[:, None] < 0, -targets.normals, targets.normals)
-        height = 0.5 * np.abs(np.sum((targets.points - feet.points) * (feet.normals + other), axis=1))
+        height = 0.5 * np.abs(dots(targets.points - feet.points, feet.normals + other))
         comparable = (along if self.signed else np.abs(along)) >= LEVEL_NORMALS_COSINE
-        comparable |= np.linalg.norm(targets.points - feet.points, axis=1) <= NEAR_BOUNDARY_SPACINGS * self.spacing
+        comparable |= norms(targets.points - feet.points) <= NEAR_BOUNDARY_SPACINGS * self.spacing
         return np.asarray(comparable & (height <= SHEET_HEIGHT_SPACINGS * self.spacing))
 
     def _nearest_samples(self, targets: SurfacePoints, radius: float) -> tuple[ClosestPoints, Bools]:

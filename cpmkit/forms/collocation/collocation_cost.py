@@ -25,6 +25,7 @@ from cpmkit.grid.lattice import (
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import HasNormals, HasTangents, advice_of
 from cpmkit.manifold.local_source import largest_dim, localize
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.types import Progress
 
 #: A dry run takes the coarsest lattice, of 2^k times the spacing, with more cells on the manifold than this.
@@ -190,7 +191,7 @@ def _query_noise(layout: Layout) -> float:
     if feet.doubtful is not None:
         feet = feet.take(~feet.doubtful)
     again = layout.surface.closest_point(feet.points).points
-    return float(np.linalg.norm(again - feet.points, axis=1).max(initial=0.0))
+    return float(norms(again - feet.points).max(initial=0.0))
 
 
 def _count_parts(layout: Layout) -> dict[str, int]:

@@ -16,7 +16,7 @@ from cpmkit.forms.collocation.side_view import ALONGSIDE_COSINE, STRIP_SPACINGS
 from cpmkit.forms.options import Options
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.manifold.vector_algebra import dots, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.equations_in_time import Wave
@@ -255,8 +255,8 @@ def sharp_bend_warnings(layout: Layout, spacing: float) -> list[str]:
         return []
     band, directions = layout.band, foot_directions(layout.band)
     first, second = band.neighbour_pairs()
-    chord = np.linalg.norm(band.feet.points[first] - band.feet.points[second], axis=1)
-    cosine = np.sum(directions.unit[first] * directions.unit[second], axis=1)
+    chord = norms(band.feet.points[first] - band.feet.points[second])
+    cosine = dots(directions.unit[first], directions.unit[second])
     comparable = directions.reliable[first] & directions.reliable[second] & (cosine > SAME_FLANK_COSINE)
     rows = np.flatnonzero(comparable & (chord < MOST_CHORD_SPACINGS * band.spacing))
     # the turn of the normal over the distance of the feet, or over a spacing where they are nearer, as at a crease

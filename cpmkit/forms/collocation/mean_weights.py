@@ -17,6 +17,7 @@ from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.extension_operator import ExtensionOperator, build_operator
 from cpmkit.forms.data_checks import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE, IMBALANCE_PER_ERROR, Imbalance
 from cpmkit.linear.operators import Border, Bordered
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
@@ -84,10 +85,10 @@ def _distances_past_edge(tables: Discretization, offset: Floats) -> Floats:
     band = tables.layout.band
     rows = np.flatnonzero(band.feet.edge[: len(offset)] >= 0)
     inwards = tables.layout.formula.points[rows] - band.feet.points[rows]
-    length = np.linalg.norm(inwards, axis=1)
+    length = norms(inwards)
     # the mirror point of a node at the end equals the end up to rounding
     has_mirror = length > LEAST_END_DISTANCE_SPACINGS * band.spacing
-    along = np.divide(-np.sum(offset[rows] * inwards, axis=1), length, out=np.zeros(len(rows)), where=has_mirror)
+    along = np.divide(-dots(offset[rows], inwards), length, out=np.zeros(len(rows)), where=has_mirror)
     past = np.zeros(len(offset))
     past[rows] = np.maximum(2 * along - length, 0.0)
     return past

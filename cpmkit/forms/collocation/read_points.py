@@ -18,6 +18,7 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.grid.band import reading_radius, stencil_cells, stencil_nodes, tensor_weights
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
+from cpmkit.manifold.vector_algebra import dots
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.boundary import boundary_number, named_sides
 from cpmkit.scene.edge_conditions import edge_condition
@@ -255,7 +256,7 @@ def _edge_bends(reader: Reader, feet: ClosestPoints) -> Bends:
     nearest = np.where(past[rows], away, np.inf).argmin(axis=1)
     edge = band.feet.take(nodes[rows, nearest])
     outward = outward_conormals(layout.surface, edge, 0.5 * band.spacing)
-    distance = np.maximum(np.sum((edge.points - feet.points[rows]) * outward, axis=1), 0.0)
+    distance = np.maximum(dots(edge.points - feet.points[rows], outward), 0.0)
     return Bends(rows, distance, -outward)
 
 
@@ -289,7 +290,7 @@ def _usable_samples(
         position = np.searchsorted(at_point.rows, rows[at_sample.rows])
         known = position < len(at_point.rows)
         known[known] = at_point.rows[position[known]] == rows[at_sample.rows[known]]
-        opposite = np.sum(at_point.director[position[known]] * at_sample.director[known], axis=1) < 0
+        opposite = dots(at_point.director[position[known]], at_sample.director[known]) < 0
         usable[at_sample.rows[known][opposite]] = False
     nearest = np.full(len(samples), np.inf)
     for bends in (*_boundary_bends(reader, sample_views), _edge_bends(reader, samples)):

@@ -25,6 +25,7 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import project_tangent
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.data import Data
 from cpmkit.scene.oriented import OrientedBoundary, dimension_along
@@ -124,16 +125,16 @@ class BoundaryOnLattice:
             rows, feet, walked = rows[on_sheet], feet.take(on_sheet), walked[on_sheet]
         on = self.surface.closest_point(feet.points)
         offset = points[rows] - on.points
-        distance = np.linalg.norm(offset, axis=1)
+        distance = norms(offset)
         if not self.has_sides:
             director = self._point_directors(on, offset, spacing)
             unsigned = np.full(len(rows), np.nan)
             return SideView(rows, on.points, np.zeros(len(rows), dtype=bool), distance, unsigned, 0 * offset, director)
         left = self.oriented.leftward(feet, on, 0.5 * spacing)
-        signed = np.sum(offset * left, axis=1)
+        signed = dots(offset, left)
         if walked is not None:
             unclear = np.abs(signed) < UNCLEAR_SIDE_COSINE * distance
-            signed = np.where(unclear, np.sum(walked * left, axis=1), signed)
+            signed = np.where(unclear, dots(walked, left), signed)
         signed = np.where(np.abs(signed) < ON_BOUNDARY_SPACINGS * spacing, ON_BOUNDARY_SPACINGS * spacing, signed)
         # Where left is known by sign all along the boundary, D is one vector for all points times (z - y) . v, so that
         # only its sign counts. King et al. (2024), section 4.2, compare vectors at two points: where the normals there
@@ -154,11 +155,11 @@ class BoundaryOnLattice:
         nodes may have this closest point. King et al. (2024), section 4.5 and eq. 17 without the tangent.
         """
         director = project_tangent(self.surface, on_surface, offset, 0.5 * spacing)
-        touching = np.linalg.norm(director, axis=1) < ON_BOUNDARY_SPACINGS * spacing
+        touching = norms(director) < ON_BOUNDARY_SPACINGS * spacing
         for axis in np.eye(self.surface.dim):
             axes = np.tile(axis, (touching.sum(), 1))
             tangent = project_tangent(self.surface, on_surface.take(touching), axes, 0.5 * spacing)
-            longer = np.linalg.norm(tangent, axis=1) > 0.5
+            longer = norms(tangent) > 0.5
             director[np.flatnonzero(touching)[longer]] = ON_BOUNDARY_SPACINGS * spacing * tangent[longer]
         return director
 
@@ -194,7 +195,7 @@ def find_parallel_pairs(boundaries: BoundariesOnBand, spacing: float) -> list[Pa
         cells = np.floor(view.foot / (0.5 * spacing)).astype(np.int64)  # one point for each cell
         view = view.take(np.sort(np.unique(cells, axis=0, return_index=True)[1]))
         seen = boundaries.on_lattice[second].side_view(view.foot, STRIP_SPACINGS * spacing, spacing)
-        along = np.sum(view.conormal[seen.rows] * seen.conormal, axis=1)
+        along = dots(view.conormal[seen.rows], seen.conormal)
         beside = (np.abs(along) > ALONGSIDE_COSINE) & ~seen.end & ~view.end[seen.rows]
         rows = np.flatnonzero(beside & (seen.distance < STRIP_SPACINGS * spacing))
         if len(rows):

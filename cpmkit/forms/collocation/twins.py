@@ -22,6 +22,7 @@ from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import feet_on_sheets, unit_normals
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.types import Bools, Floats, Ints
 
 #: A height difference (spacings) between feet of neighbouring nodes that suggests two sheets.
@@ -87,7 +88,7 @@ def nodes_between_sheets(band: Band) -> Bools:
         first = np.flatnonzero(neighbour >= 0)
         second = neighbour[first]
         chord = band.feet.points[second] - band.feet.points[first]
-        heights = [np.abs(np.sum(chord * normal[end], axis=1)) for end in (first, second)]
+        heights = [np.abs(dots(chord, normal[end])) for end in (first, second)]
         jumps = np.maximum(*heights) > SHEET_STEP_SPACINGS * h
         flagged[first[jumps]] = flagged[second[jumps]] = True
     return flagged
@@ -152,11 +153,11 @@ def _with_one_twin_each(source: LocalSource, band: Band, sites: Sites, missing: 
     y, n = feet.points, unit_normals(source, feet, 0.5 * band.spacing)
     signed = has_signed_normals(source)
     on_sheet = same_sheet(sites.feet.points[by[rows]], sites.normals[by[rows]], y, n, band.spacing, signed)
-    on_sheet &= np.linalg.norm(y - sites.feet.points[nodes[rows]], axis=1) > ON_FOOT_SPACINGS * band.spacing
+    on_sheet &= norms(y - sites.feet.points[nodes[rows]]) > ON_FOOT_SPACINGS * band.spacing
     chosen = np.flatnonzero(on_sheet)
     chosen = chosen[np.unique(rows[chosen], return_index=True)[1]]
     nodes, unknown, feet = nodes[rows[chosen]], missing.unknown[rows[chosen]], feet.take(chosen)
-    feet = replace(feet, distance=np.linalg.norm(band.positions[nodes] - feet.points, axis=1))
+    feet = replace(feet, distance=norms(band.positions[nodes] - feet.points))
     return sites.join([sites, Sites(nodes, feet, n[chosen], unknown)])
 
 

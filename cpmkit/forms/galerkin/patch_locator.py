@@ -15,7 +15,7 @@ from cpmkit.forms.galerkin.sheet_separation import SheetSeparation, group_touchi
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.grid.lattice import Lattice, find_codes
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.vector_algebra import dots, nearest_barycentric, nearest_shares
+from cpmkit.manifold.vector_algebra import dots, every, nearest_barycentric, nearest_shares
 from cpmkit.mesh.adjacency import CellSides
 from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.mesh.mesh import Mesh
@@ -89,7 +89,7 @@ class PatchLocator:
         usable = np.where(touch & np.isfinite(scores), scores, np.inf)
         magnified = self.dof_map.magnify(candidates, points[:, None])
         cells = np.floor(magnified / self.lattice.spacing + 0.5).astype(np.int64)
-        contains = (self.dof_map.cells[candidates] == cells).all(axis=2) & np.isfinite(usable)
+        contains = every(self.dof_map.cells[candidates] == cells) & np.isfinite(usable)
         rows, best = np.arange(len(points)), np.where(contains, usable, np.inf).argmin(axis=1)
         return np.where(contains[rows, best], candidates[rows, best], patch), ~touch.all(axis=1)
 

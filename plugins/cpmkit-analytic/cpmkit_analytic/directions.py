@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from cpmkit.plugin import Floats, norms
@@ -13,6 +15,6 @@ def normalize_or_default(vectors: Floats, default: tuple[float, ...]) -> Floats:
     Each is divided by its largest component first: the square of 1e-170 would vanish, and a query that near to a centre
     would leave the sphere.
     """
-    largest = np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
+    largest = reduce(np.maximum, np.abs(vectors).T)[:, None]
     scaled = np.where(largest > 0, vectors, default) / np.where(largest > 0, largest, 1.0)
     return scaled / norms(scaled)[:, None]

@@ -13,6 +13,7 @@ from cpmkit.forms.collocation.side_view import ALONGSIDE_COSINE, BoundariesOnBan
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import nearest_points_on_sheet
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.laws import Law, OneSided, Value
 from cpmkit.types import Bools, Floats, Ints
@@ -174,13 +175,13 @@ def is_beyond_other_boundary(geometry: GhostGeometry, rows: Ints, points: Floats
         at_point = other.side_view(points, reach, spacing)
         at_foot = other.side_view(foot[at_point.rows], 2 * reach, spacing)
         facing = at_point.take(at_foot.rows)
-        opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
+        opposite = dots(facing.director, at_foot.director) < 0
         # where the two boundaries meet, neither is beyond the other
         opposite &= np.abs(at_foot.signed) > INSIDE_SIDE_SPACINGS * spacing
         left, right = boundary.condition("left"), boundary.condition("right")
         if isinstance(left.law, Value) and same_condition(left, right):  # one value, across which u is continuous
             own = geometry.seen.conormal[rows][facing.rows]
-            opposite &= np.abs(np.sum(own * at_foot.conormal, axis=1)) > ALONGSIDE_COSINE
+            opposite &= np.abs(dots(own, at_foot.conormal)) > ALONGSIDE_COSINE
         beyond[facing.rows[opposite & ~facing.end & ~at_foot.end]] = True
     return beyond
 
@@ -237,7 +238,7 @@ def points_at_two_steps(
     points, complete = [], np.ones(len(foot), dtype=bool)
     for k in (1, 2):
         on = nearest_points_on_sheet(boundary.surface, start, foot + k * step * direction, boundary.spacing)
-        complete &= (np.linalg.norm(on.points - foot, axis=1) > LEAST_INSIDE_SHARE * k * step) & (on.edge < 0)
+        complete &= (norms(on.points - foot) > LEAST_INSIDE_SHARE * k * step) & (on.edge < 0)
         points.append(on)
     return points, complete
 

@@ -32,6 +32,7 @@ from cpmkit.forms.collocation.side_view import (
 )
 from cpmkit.grid.band import Band, reading_radius
 from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.scene.laws import Interface, checked_beta
 from cpmkit.types import Bools, Floats, Ints
 
@@ -82,7 +83,7 @@ def build_ghosts(
     radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
     terms = [geometry.with_side_views(term, radius) for term in rows.terms]
     terms += [geometry.with_side_views(term, radius, own_side=True) for term in own_terms]
-    distance = np.linalg.norm(rows.points - geometry.seen.foot, axis=1)
+    distance = norms(rows.points - geometry.seen.foot)
     numbers = np.full(len(band.nodes), -1)
     numbers[geometry.seen.rows] = np.arange(len(geometry))
     return Ghosts(
@@ -198,7 +199,7 @@ def ghost_formula(
             feet = None if feet is None else feet.replace_rows(mirrored, geometry.mirror.take(mirrored))
         if not isinstance(law, Interface):
             where, t = geometry.boundary_points(rows), geometry.seen.distance[rows]
-            s = np.linalg.norm(geometry.foot_point[rows] - points[rows], axis=1)
+            s = norms(geometry.foot_point[rows] - points[rows])
             beta, first_order = checked_beta(law, condition.kind, where, geometry.name), orders[rows] == 1
             coefficient[rows], factor = coefficient_and_factor(law, beta, t, s, first_order, geometry.spacing)
             data.append(BoundaryData(rows, factor, where, law.datum, geometry.name, law))

@@ -31,7 +31,7 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import nearest_points_on_sheet, outward_conormals, unit_normals
-from cpmkit.manifold.vector_algebra import norms
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.scene.edge_conditions import EdgeConditions, conditions_of_edge, edge_condition
 from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at, checked_beta
 from cpmkit.types import Bools, Floats, Ints
@@ -187,7 +187,7 @@ def _edge_formula(
     length = np.linalg.norm(beyond, axis=1, keepdims=True)  # on solids offsets have the direction of the conormals
     straight = (surface.dimensions_at(feet) == surface.dim)[:, None] & (length > ON_BOUNDARY_SPACINGS * band.spacing)
     outward = np.where(straight, beyond / np.where(straight, length, 1.0), conormals)
-    t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
+    t = np.maximum(dots(beyond, outward), 0.0)
     on = mirror(foot - beyond - (mirror_distance(law, t, band.spacing) - t)[:, None] * outward)
     where = lattice.to_scene(foot)
     corners = []
@@ -248,7 +248,7 @@ def nodes_behind_boundaries(
             at_feet = boundary.side_view(band.feet.points[nodes], radius, band.spacing)
             at_mirror = boundary.side_view(past.points[nodes[at_feet.rows]], radius, band.spacing)
             at_feet = at_feet.take(at_mirror.rows)
-            opposite = (np.sum(at_mirror.director * at_feet.director, axis=1) < 0) & ~at_mirror.end & ~at_feet.end
+            opposite = (dots(at_mirror.director, at_feet.director) < 0) & ~at_mirror.end & ~at_feet.end
             separated[at_feet.rows[opposite]] = True
     return nodes[separated]
 
@@ -271,13 +271,13 @@ def view_nodes_past_edge(
     feet = band.feet.take(nodes)
     outward = outward_conormals(boundary.surface, feet, 0.5 * band.spacing)
     offset = feet.points - side_view.foot[past]
-    inwards, length = np.sum(offset * outward, axis=1), np.linalg.norm(offset, axis=1)
-    parallel = np.abs(np.sum(side_view.conormal[past] * outward, axis=1)) > ALONGSIDE_COSINE
+    inwards, length = dots(offset, outward), norms(offset)
+    parallel = np.abs(dots(side_view.conormal[past], outward)) > ALONGSIDE_COSINE
     parallel &= inwards >= ALONGSIDE_COSINE * length
     separated[past] = np.isin(nodes, behind) | parallel
     beyond = np.maximum(np.sum((band.positions[nodes] - feet.points) * outward, axis=1, keepdims=True), 0.0)
     places[past] = feet.points + beyond * outward
     on = boundary.surface.closest_point(boundary.source.closest_point(places[separated]).points).points
     foot, distance = side_view.foot.copy(), side_view.distance.copy()
-    foot[separated], distance[separated] = on, np.linalg.norm(places[separated] - on, axis=1)
+    foot[separated], distance[separated] = on, norms(places[separated] - on)
     return replace(side_view, foot=foot, distance=distance), places, separated

@@ -92,7 +92,7 @@ def first_order_ghosts(
 ) -> tuple[Floats, list[BoundaryData], ExtraPoint]:
     """Return weights (k,) of u(mirror) in the ghosts ``rows`` (k,), their data, and the terms of u at their nodes."""
     seen = geometry.seen.take(rows)
-    s = np.linalg.norm(geometry.foot_point[rows] - geometry.mirror.points[rows], axis=1)
+    s = norms(geometry.foot_point[rows] - geometry.mirror.points[rows])
     materials = conductivities(law, geometry.boundaries.diffusivity, seen, geometry.lattice)
     own, mirror, jump, flux = first_order_weights(law, *materials, s, seen.signed < 0)
     feet = None if geometry.own_feet is None else geometry.own_feet.take(rows)
