@@ -320,7 +320,8 @@ def test_boundaries_that_are_refused():
         [box(0.2), box(0.5)],
         [ck.source("analytic.sphere", radius=0.2), plates(SQUARE_FACES + [0, 0, 0.4])],
     ):
-        assert solve(BALL, surfaces, condition, 0.3, problem)
+        boundaries = [ck.Boundary(f"b{number}", surface, **condition) for number, surface in enumerate(surfaces)]
+        ck.discretize(ck.Scene(BALL, problem, boundaries), 0.3, form="galerkin")
     ring = [ck.source("analytic.circle", radius=0.5, center=[0.0, 0.0, 0.0], normal=[0, 0, 1])]
     with pytest.raises(ck.SceneError, match="takes curves in a plane solid, or surfaces in one in space"):
         solve(BALL, ring, condition, 0.2, problem)
