@@ -215,7 +215,7 @@ def test_a_surface_that_ends_inside_a_ball():
     bowl = ck.source("trimmed", of=ck.source("analytic.sphere", radius=0.5), trim="z - 0.1")
     union = ck.source("union", members=[ball, bowl])
     edge = [(ck.Dirichlet("x"), "x < 0"), ck.Dirichlet("x")]
-    found = ck.solve(ck.Scene(union, ck.Laplace(), edge=edge), 0.36, estimate=False)
+    found = ck.solve(ck.Scene(union, ck.Laplace(), edge=edge), 0.4, estimate=False)
     assert found.of_dimension(3).evaluate([[-0.9, 0.1, 0.0]]) == pytest.approx([-0.9], abs=0.1)
 
 
