@@ -24,7 +24,7 @@ def test_the_study_in_the_documentation_converges(tmp_path):
     file = tmp_path / "torus.toml"
     file.write_text(block_texts(DOCS / "how-to" / "run-a-study.md", "toml")[0])
     study = load_study(file)
-    coarse = replace(study, sweep=replace(study.sweep, spacings=[0.2, 0.14, 0.1]))
+    coarse = replace(study, sweep=replace(study.sweep, spacings=[0.28, 0.2, 0.14]))
     outcome = run_study(coarse, tmp_path)
     first, second = group_into_series(read_records(outcome.file))
     assert second.fitted_order > 1.7

@@ -150,7 +150,8 @@ class EquationAssembly:
         if advection is not None:
             matrix = advection.matrix_with_advection(matrix, space.stabilisation)
         matrix = space.extend_matrix(matrix, a, c)
-        conditions = self.condition_terms(terms, a, scale)
+        is_own = advection is not None and advection is self.scene_advection  # then warnings need the same terms
+        conditions = self.terms_of_scene if is_own else self.condition_terms(terms, a, scale)
         if conditions.conditions:
             matrix = (matrix + conditions.matrix).tocsr()
         if terms.conservative:
