@@ -99,7 +99,7 @@ def test_a_jump_across_a_sphere_in_a_ball():
     cut = ck.Boundary("shell", shell, left=ck.Dirichlet(smooth), right=ck.Dirichlet(lambda x: smooth(x) + 3))
     points = np.random.default_rng(0).uniform(-1, 1, (4000, 3))
     points = points[inside(points)]
-    spacings = [0.2, 0.14, 0.1]
+    spacings = [0.35, 0.25, 0.18]
     found = errors(
         ball,
         points,
