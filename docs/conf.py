@@ -1,7 +1,10 @@
 """Sphinx configuration. The drawings and the pages that can be read off the code are made here, at each build."""
 
 import sys
+from functools import cache
 from pathlib import Path
+
+from sphinx.addnodes import toctree
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -53,6 +56,19 @@ napoleon_use_ivar = True
 # "(n, d) float64" names no class: only names of this project are held to exist.
 suppress_warnings = ["ref.python"]  # "(n, channels)" in a docstring names no attribute, of whatever class
 nitpick_ignore_regex = [("py:.*", r"(?!cpmkit).*")]
+
+
+@cache
+def sections(app):
+    """Return the headings of the front page with the pages, (name, title) each, under them."""
+    trees = app.env.get_doctree("index").findall(toctree)
+    return [(tree["caption"], [(page, app.env.titles[page].astext()) for _, page in tree["entries"]]) for tree in trees]
+
+
+def setup(app):
+    """Give each page the sections: Sphinx would go through all headings of all pages for each of them."""
+    app.connect("html-page-context", lambda app, *page: page[2].update(sections=sections(app)))
+
 
 draw_all(HERE / "generated")
 write_all(HERE / "generated")
