@@ -19,7 +19,6 @@ from cpmkit.forms.collocation.side_view import SideView
 from cpmkit.grid.band import Band
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import unit_normals
-from cpmkit.manifold.vector_algebra import dots
 from cpmkit.types import Bools, Floats, Ints
 
 
@@ -195,7 +194,7 @@ def visible_ghosts(
         ghost_of_node = numbers[index][nodes[rows]]
         row, column = np.nonzero(ghost_of_node >= 0)
         ghost = ghost_of_node[row, column]
-        across = dots(view.director[row], directors[index][ghost]) < 0
+        across = np.einsum("kd,kd->k", view.director[row], directors[index][ghost]) < 0
         rank = np.where(centres.owner[rows] == index, -1.0, view.distance)[row]
         row = rows[row]
         better = across & (rank < nearest[row, column])
