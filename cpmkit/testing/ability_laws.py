@@ -18,6 +18,8 @@ DIRECTION_STEP_SHARE = 1e-5
 RADII_SHARES = (0.2, 0.5)
 #: Length of the step from a foot towards its query, relative to their distance.
 TOWARDS_QUERY_SHARE = 1e-3
+#: The spacing, relative to the size, of a mesh that covers a source, and the farthest point of it from a foot in spacings.
+COVERING_SHARE, COVERED_SPACINGS = 0.05, 1.5
 #: Distance from a foot of the points that are compared with it, relative to the size.
 AROUND_FOOT_SHARE = 1e-5
 
@@ -117,6 +119,20 @@ def check_mesh(subject: Subject) -> None:
         require(once.all(), "A cell names a vertex twice.")
         off = subject.source.closest_point(np.ascontiguousarray(vertices)).distance
         require_rows(off <= subject.round_off(vertices), vertices, "A vertex lies off the manifold by", off)
+
+
+@law("near", abilities.HasMesh, together=True)
+def check_mesh_covers(subject: Subject, x: Floats) -> None:
+    """The mesh covers a curve or surface: it has a point within a spacing or so of each foot."""
+    from scipy.spatial import cKDTree
+
+    from cpmkit.mesh.mixed_cells import refine_mixed_cells
+
+    if subject.source.manifold_dim in (1, 2):
+        spacing = COVERING_SHARE * subject.size
+        points, _ = refine_mixed_cells(*subject.source.mesh(spacing), subject.source.dim, spacing)
+        off = cKDTree(points).query(subject.feet(x).points)[0]
+        require_rows(off <= COVERED_SPACINGS * spacing, x, "Off the mesh lies a foot by", off)
 
 
 @law(ability=abilities.HasAdvice)

@@ -272,6 +272,17 @@ class PaddedMesh(Circle):
         return vertices, np.pad(cells, ((0, 0), (0, 1)), constant_values=-1)
 
 
+class HalfMesh(Circle):
+    def mesh(self, spacing):
+        vertices, cells = super().mesh(spacing)
+        return vertices, cells[: len(cells) // 2]
+
+
+class MeshOfThreeSegments(Circle):
+    def mesh(self, spacing):
+        return super().mesh(10.0)
+
+
 class SkinIsAnArea(Circle):
     @property
     def skin(self) -> Circle:
@@ -444,6 +455,7 @@ FAULTS = {
     "tangents": [LongTangents, TangentsAcrossTheCurve],
     "values": [ZeroData],
     "mesh": [MeshOffTheCurve, MeshWithoutWrap, MeshOfTriangles, PaddedMesh],
+    "mesh_covers": [HalfMesh, MeshOfThreeSegments],
     "advice": [WarnsOfNothing, WarnsInTwoSentences, WarnsWithoutEnd, FloorBelowZero, FloorOfNothing],
     "local_minima": [FeetOffTheCurve, AllFeetHaveRowZero, FeetOfAnyRadius],
     "sheets": [FeetTwice, FarthestFeetToo, FeetBeside],
