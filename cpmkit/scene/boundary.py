@@ -152,7 +152,7 @@ class Boundary:
         """Return the boundary with vertex numbers replaced by those vertices of ``surface``; itself if it has none.
 
         Raises SceneError if the surface was not made from a mesh, a number is negative or not below the number of
-        vertices, or there are d numbers, which may also be the coordinates of one point.
+        vertices, or there are d numbers, which may also be the coordinates of one point near the surface.
         """
         numbers = self._vertex_numbers
         if numbers is None:
@@ -162,10 +162,11 @@ class Boundary:
             raise SceneError(
                 f"{label} is {text}, numbers of vertices, and the surface is no mesh; give points (k, {surface.dim})."
             )
-        if len(numbers) == surface.dim:
+        low, high = np.asarray(surface.bounds, dtype=np.float64)
+        if len(numbers) == surface.dim and ((numbers >= 2 * low - high) & (numbers <= 2 * high - low)).all():
             raise SceneError(
                 f"{label} is {text}, which may be a point or {len(numbers)} numbers of vertices; give [{text}] for the "
-                f"point, or vertices[{text}]."
+                f"point, or vertices[{text}] of the mesh's array of vertices."
             )
         vertices = np.asarray(surface.given_mesh[0], dtype=np.float64)
         bad = numbers[(numbers < 0) | (numbers >= len(vertices))]

@@ -32,7 +32,7 @@ from cpmkit.mesh.mixed_cells import (
 from cpmkit.runtime.messages import warn_each
 from cpmkit.scene.boundary import boundary_number
 from cpmkit.scene.data import evaluate_data, read_formula
-from cpmkit.scene.laws import Value
+from cpmkit.scene.laws import Spectral, Value
 from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS, evaluate_on_sides, project_onto_boundaries
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import SIDES, Bools, Floats, Ints, Side
@@ -243,6 +243,9 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None, where
         total = form.flux(solution.values, boundary, None, solution.data_time, chosen)
         if total is None:
             if scene.surface.dim == 3 and 3 in member_dimensions(scene.surface):
+                is_eigenvalue = any(isinstance(each.law, Spectral) for each in scene.edge_conditions)
+                if form.form == "galerkin" and not is_eigenvalue:
+                    raise InputError(f"The manifold has no edge{'' if loop is None else f' {loop}'} with a flux.")
                 raise InputError(_NO_FLUX.get(form.form, _NO_FLUX["collocation"]))
             feet, weights = rim_rule(scene.surface, solution.spacing, loop)
             density = form.conormal_derivative(solution.values, feet.points)

@@ -18,7 +18,7 @@ DIRECTION_STEP_SHARE = 1e-5
 RADII_SHARES = (0.2, 0.5)
 #: Length of the step from a foot towards its query, relative to their distance.
 TOWARDS_QUERY_SHARE = 1e-3
-#: The spacing, relative to the size, of a mesh that covers a source, and the farthest point of it from a foot in spacings.
+#: The spacing of a mesh that covers a source, relative to the size, and the largest distance of a foot in spacings.
 COVERING_SHARE, COVERED_SPACINGS = 0.05, 1.5
 #: Distance from a foot of the points that are compared with it, relative to the size.
 AROUND_FOOT_SHARE = 1e-5
@@ -130,8 +130,8 @@ def check_mesh_covers(subject: Subject, x: Floats) -> None:
 
     if subject.source.manifold_dim in (1, 2):
         spacing = COVERING_SHARE * subject.size
-        points, _ = refine_mixed_cells(*subject.source.mesh(spacing), subject.source.dim, spacing)
-        off = cKDTree(points).query(subject.feet(x).points)[0]
+        points, cells = refine_mixed_cells(*subject.source.mesh(spacing), subject.source.dim, spacing)
+        off = cKDTree(points[np.unique(cells[cells >= 0])]).query(subject.feet(x).points)[0]
         require_rows(off <= COVERED_SPACINGS * spacing, x, "Off the mesh lies a foot by", off)
 
 

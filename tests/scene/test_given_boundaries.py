@@ -42,6 +42,11 @@ def test_points_lie_on_any_surface_and_curve():
     np.testing.assert_array_equal(origins_of([0, 0, 1], ck.source("analytic.sphere")).points, [[0, 0, 1]])
 
 
+def test_three_numbers_that_are_no_place_near_the_surface_are_vertices():
+    numbers = [4, len(VERTICES) - 1, len(VERTICES) - 2]
+    np.testing.assert_array_equal(places(MESH, numbers), VERTICES[numbers])
+
+
 def test_a_value_holds_at_a_vertex():
     pin = ck.Boundary("pin", 4, both=0.25)
     solution = ck.solve(ck.Scene(MESH, ck.Laplace(), [pin]), spacing=0.4)
