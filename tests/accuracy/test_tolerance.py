@@ -125,6 +125,28 @@ def test_steps_in_time_are_shortened_and_count():
     assert solution.error.in_time > 0.5 * trade.error  # the spacing is no matter here
 
 
+@pytest.mark.parametrize("norm", ["rms", "max"])
+@pytest.mark.parametrize("step", [0.015, 0.24])
+def test_steps_are_shortened_for_a_bump_that_coarse_lattices_do_not_resolve(step, norm):
+    """A bump is carried once around a circle and comes back as diffusion alone leaves it."""
+    tolerance, kappa, count = 1e-2, 1e-3, 4000
+
+    def bump(x):
+        return np.exp(-8 * ((x - [1.0, 0.0]) ** 2).sum(axis=1))
+
+    heat = ck.Heat(bump, until=2 * np.pi, step=step, kappa=kappa, velocity=["-y", "x"], conservative=True)
+    solution = ck.solve(ck.Scene(CIRCLE, heat), tolerance=tolerance, norm=norm)
+    angle = 2 * np.pi * np.arange(count) / count
+    at = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    waves = np.fft.rfft(bump(at)) * np.exp(-2 * np.pi * kappa * np.arange(count // 2 + 1) ** 2)
+    exact = np.fft.irfft(waves, count)
+    off = np.abs(solution.evaluate(at) - exact) / np.ptp(exact)
+    error = off.max() if norm == "max" else np.sqrt((off**2).mean())
+    assert solution.solve_history.status == "reached"
+    assert error <= tolerance
+    assert 0.6 < solution.error.of(norm) / error < 3
+
+
 @pytest.mark.parametrize("c", [1e-6, 1.0, 400.0])
 @pytest.mark.parametrize(("tolerance", "residual"), [(1e-2, 1e-6), (1e-4, 1e-7)])
 def test_the_error_of_the_solver_is_below_a_twentieth_of_the_tolerance(c, tolerance, residual):
