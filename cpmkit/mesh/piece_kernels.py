@@ -26,8 +26,8 @@ ON_PIECE = 1e-9
 SAME_CROSSING = 1e-9
 #: Components are tested at this distance, in spacings, on their inner side: another may lie upon them.
 INSIDE_PIECE = 3e-9
-#: The corner of a cell that is tested lies past its faces by these lengths, in spacings, along the axes.
-PAST_CORNER = (0.0, 3e-7, 1e-6)
+#: Of an inner side with a volume nearer than this to zero or to that of the cell, the middle of the cell says which.
+DOUBTFUL_VOLUME = 1e-5
 GAUSS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(MOMENTS))
 
 
@@ -178,13 +178,14 @@ def add_upper_faces(components: Ints, cells: Ints, moments: Floats, geometry: Ge
     """Add to ``moments`` (n, 5, 5^(d-1)) those of the upper face of ``cells`` (n, d) on the inner side of components.
 
     The divergence theorem is applied along axis 1 in the face, and along axis 2 in its upper edge: there the component
-    has segments, and points; the upper corner is on its inner side or not. ``components`` (n,) are their numbers.
+    has segments, and points; the upper corner is on its inner side or not. If it is, the volume would be negative
+    without it. ``moments`` have the integrals over the components, whose numbers are ``components`` (n,).
     """
     order, piece_starts, corners, starts, normals, _ = geometry
     d = cells.shape[1]
     depth = MOMENTS if d == 3 else 1
     first, second = np.empty(MOMENTS), np.empty(MOMENTS)
-    edge, corner = np.empty(MOMENTS), np.empty(d)
+    edge, middle = np.empty(MOMENTS), np.empty(d)
     for row in range(len(components)):
         c, cell = components[row], cells[row]
         edge[:] = 0.0
@@ -226,9 +227,9 @@ def add_upper_faces(components: Ints, cells: Ints, moments: Floats, geometry: Ge
                     if abs(corners[end, 1] - cell[1] - 0.5) <= IN_FACE:
                         evaluate(LEGENDRE_INTEGRALS, corners[end, 2] - cell[2] + 0.5, second)
                         edge += np.sign(normals[p, 2]) * second
-        for i in range(d):
-            corner[i] = cell[i] + 0.5 + PAST_CORNER[i]
-        if is_inside(corner, c, geometry):
-            edge[0] += 1.0
         for j in range(MOMENTS if d == 2 else depth):
             moments[row, 0, j] += edge[j]
+        volume = moments[row, 0, 0]
+        middle[:] = cell
+        if volume < -DOUBTFUL_VOLUME or (volume < DOUBTFUL_VOLUME and is_inside(middle, c, geometry)):
+            moments[row, 0, 0] += 1.0
