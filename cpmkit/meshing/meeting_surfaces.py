@@ -146,19 +146,20 @@ def _snapped(mesh: Mesh, sides: Floats, crossing: Ints, share: Floats) -> tuple[
 def _with_moved(mesh: Mesh, rows: Ints, points: Floats, creased: Bools) -> tuple[Mesh, Bools]:
     """Return the mesh with the vertices ``rows`` (k,) at ``points`` (k, 3) of it, and which vertices (v,) were moved.
 
-    Midpoints follow; those of ``creased`` edges (e,) keep to the arcs of these. Vertices stay whose triangles would
-    become thin or turn over.
+    Midpoints follow; those of ``creased`` edges (e,) keep to the arcs of these. Of triangles that would become thin or
+    turn over, the vertex that moves farthest stays.
     """
     moved, at = np.zeros(len(mesh.vertices), dtype=bool), mesh.vertices.copy()
     moved[rows], at[rows] = True, points
-    areas = _areas(mesh.vertices[mesh.cells])
+    areas, away = _areas(mesh.vertices[mesh.cells]), norms(at - mesh.vertices)
     while True:
         vertices = np.where(moved[:, None], at, mesh.vertices)
         share = dots(_areas(vertices[mesh.cells]), areas) / np.maximum(dots(areas, areas), 1e-300)
         turned = (share < LEAST_MOVED_SHARE) & moved[mesh.cells].any(axis=1)
         if not turned.any():
             break
-        moved[mesh.cells[turned]] = False
+        corners = mesh.cells[turned]
+        moved[corners[np.arange(len(corners)), np.where(moved, away, -1.0)[corners].argmax(axis=1)]] = False
     if not moved.any():
         return mesh, moved
     changed, midpoints = np.flatnonzero(moved[mesh.edges.ends].any(axis=1)), edge_midpoints(mesh)

@@ -126,17 +126,46 @@ def test_each_of_four_pieces_has_a_solution_of_its_own():
     assert found.flux("a", "left") + found.flux("a", "right") == pytest.approx(0.0, abs=1e-6)
 
 
-def test_insulated_rooms_do_not_leak():
-    """A tilted plane and a sphere divide a ball into four rooms with constants of their own."""
-    surfaces = [plate(*WIDE, 0.1, TURN), sphere(0.6, 0.5, 0.1, 0.2)]
+def in_sphere(x):
+    return np.linalg.norm(x - [0.5, 0.1, 0.2], axis=1) < 0.6
+
+
+def above_turned(x):
+    return x @ TURN.T[:, 2] > 0.1
+
+
+def above_oblique(x):
+    return (x - [0, 0, 0.1]) @ np.cross([1, 0, 0.2], [0, 1, 0.1]) > 0
+
+
+OBLIQUE = np.array([[-3, -3, -0.8], [3, -3, 0.4], [3, 3, 1.0], [-3, 3, -0.2]])
+DIAGONAL = np.array([[-1, -1, -1], [2, 2, -1], [2, 2, 2], [-1, -1, 2]])
+TWO = [[0, 1, 2], [0, 2, 3]]
+CUBE = ck.source("analytic.box", lower=[0.0, 0.0, 0.0], upper=[1.0, 1.0, 1.0])
+TURNED, SMALL = (plate(*WIDE, 0.1, TURN), above_turned), (sphere(0.6, 0.5, 0.1, 0.2), in_sphere)
+#: Solid, spacing, and walls with functions that are true on one side.
+ROOMS = {
+    "a turned plane and a sphere": (BALL, 0.32, [TURNED, SMALL]),
+    # the edge of the plane on the skin pierces the sphere within rounding of the plane
+    "at another spacing": (BALL, 0.3, [TURNED, SMALL]),
+    "an oblique plane and a sphere": (BALL, 0.4, [(mesh(OBLIQUE, TWO), above_oblique), SMALL]),
+    # the wall passes through edges of lattice cells too
+    "a plane through edges of a cube": (CUBE, 0.37, [(mesh(DIAGONAL, TWO), lambda x: x[:, 0] > x[:, 1])]),
+}
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_insulated_rooms_do_not_leak(name):
+    """Walls divide a solid into rooms with constants of their own, to what sources at points beyond walls change."""
+    solid, spacing, walls = ROOMS[name]
 
     def exact(x):
-        return 1.0 * (x @ TURN.T[:, 2] > 0.1) + 2.0 * (np.linalg.norm(x - [0.5, 0.1, 0.2], axis=1) < 0.6)
+        return sum((k + 1.0) * side(x) for k, (_, side) in enumerate(walls))
 
-    boundaries = [ck.Boundary(f"b{k}", surfaces[k], both=ck.Neumann(0.0)) for k in (0, 1)]
-    found = ck.solve(ck.Scene(BALL, ck.ScreenedPoisson(exact), boundaries, edge=ck.Neumann(0.0)), 0.32, estimate=False)
-    points = inside(BALL)
-    assert np.abs(found.evaluate(points) - exact(points)).max() < 5e-3
+    boundaries = [ck.Boundary(f"b{k}", surface, both=ck.Neumann(0.0)) for k, (surface, _) in enumerate(walls)]
+    scene = ck.Scene(solid, ck.ScreenedPoisson(exact), boundaries, edge=ck.Neumann(0.0))
+    points = inside(solid)
+    assert np.abs(ck.solve(scene, spacing, estimate=False).evaluate(points) - exact(points)).max() < 5e-3
 
 
 def test_an_insulated_wall_through_a_box_keeps_heat_and_divides_the_modes():
