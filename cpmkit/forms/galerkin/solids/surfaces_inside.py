@@ -23,6 +23,7 @@ from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.sectors import sector_facets
 from cpmkit.meshing.common_edges import match_chains
 from cpmkit.meshing.meeting_surfaces import (
+    SplitMesh,
     moved_onto,
     piercing_points,
     split_at_surface,
@@ -254,12 +255,12 @@ def _split_at_earlier(own: OwnedMesh, earlier: Sequence[QuadraticSurface], latti
     """Return a surface split where it meets ``earlier`` ones, with its edges there in ``cut``."""
     for other in earlier:
 
-        def side(points: Floats, other: QuadraticSurface = other) -> tuple[Floats, Floats]:
-            """Return the heights above the other surface, and how far points are beyond its rim."""
-            return other.side(points, lattice.spacing)
+        def split_at(own: OwnedMesh, other: QuadraticSurface = other) -> SplitMesh:
+            """Return the triangles split at the other surface, and not beyond its rim."""
+            near = own.near_rims(lattice)
+            return split_at_surface(own.mesh, lambda x: other.side(x, lattice.spacing), near, beyond_rim=ON_SPACINGS)
 
-        split = split_at_surface(own.mesh, side, own.near_rims(lattice), beyond_rim=ON_SPACINGS)
-        own = own.take(split.parent, split.mesh)
+        own, split = _split_along(own, split_at, other)
         rim = _rim(own.mesh)
         own = _with_cut(own, np.concatenate([split.chain, rim[split.is_on[rim].all(axis=1)]]))
     return own
@@ -272,8 +273,10 @@ def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice
     """
     number, chain = np.full(len(own.mesh.vertices), -1), own.mesh.cut
     if len(chain):
-        whole, base_chain = _split_along(whole, surface, lattice)
-        matched = match_chains(whole.mesh, base_chain, own.mesh, chain)
+        whole, split = _split_along(
+            whole, lambda base: split_at_surface(base.mesh, lambda x: surface.side(x, 3 * lattice.spacing)), surface
+        )
+        matched = match_chains(whole.mesh, split.chain, own.mesh, chain)
         if isinstance(matched, np.ndarray):
             return matched
         for mesh, edges in ((matched.base, matched.number[matched.chain]), (matched.other, matched.chain)):
@@ -308,21 +311,23 @@ def _unclosed(whole: OwnedMesh) -> Floats | None:
     return None
 
 
-def _split_along(whole: OwnedMesh, surface: QuadraticSurface, lattice: Lattice) -> tuple[OwnedMesh, Ints]:
-    """Return the triangles split where they meet a ``surface``, and their edges (k, 2) there.
+def _split_along(
+    own: OwnedMesh, split_at: Callable[[OwnedMesh], SplitMesh], other: QuadraticSurface
+) -> tuple[OwnedMesh, SplitMesh]:
+    """Return triangles after ``split_at`` where they meet an ``other`` surface, with edges bent onto it, and the split.
 
     Triangles whose parts would turn over, beside an edge that is bent more than they are thick, are halved before.
     """
     for turn in range(HALVINGS + 1):
-        split = split_at_surface(whole.mesh, lambda points: surface.side(points, 3 * lattice.spacing))
-        mesh = moved_onto(split.mesh, split.chain, surface)
+        split = split_at(own)
+        mesh = moved_onto(split.mesh, split.chain, other)
         turned = turned_cells(mesh, split.chain, LEAST_AREA_SHARE)
         if turn == HALVINGS or not len(turned):
             break
-        edges = np.unique(whole.mesh.edges.of_cells[split.parent[turned]])
-        halves, parent = split_edges(whole.mesh, whole.mesh.edges.ends[edges], np.full(len(edges), 0.5))
-        whole = whole.take(parent, halves)
-    return whole.take(split.parent, mesh), split.chain
+        edges = np.unique(own.mesh.edges.of_cells[split.parent[turned]])
+        halves, parent = split_edges(own.mesh, own.mesh.edges.ends[edges], np.full(len(edges), 0.5))
+        own = own.take(parent, halves)
+    return own.take(split.parent, mesh), split
 
 
 def _without_loose_ends(whole: OwnedMesh) -> OwnedMesh:
