@@ -139,8 +139,24 @@ def _snapped(mesh: Mesh, sides: Floats, crossing: Ints, share: Floats) -> tuple[
     fits = (away < SNAP_SHARE) & ((creases[vertex] == 0) | ((creases[vertex] == 2) & creased[crossing]))
     order = np.flatnonzero(fits)[np.argsort(away[fits], kind="stable")]
     order = order[np.sort(np.unique(vertex[order], return_index=True)[1])]  # the nearest crossing of each vertex
+    order = order[~_completes(mesh, sides, vertex[order], away[order])]
     mesh, moved = _with_moved(mesh, vertex[order], arc_points(mesh, crossing[order], share[order]), creased)
     return mesh, np.where(moved, 0.0, sides)
+
+
+def _completes(mesh: Mesh, sides: Floats, vertices: Ints, away: Floats) -> Bools:
+    """Return which of ``vertices`` (k,), farther ``away`` (k,) first, put the last corner of a triangle on a curve.
+
+    A triangle between three points of a curve is as thin as an edge is bent, however small it is.
+    """
+    distance = np.where(sides == 0, 0.0, np.inf)
+    distance[vertices] = 1 + away
+    while True:
+        last = distance[mesh.cells].max(axis=1)
+        corners = mesh.cells[np.isfinite(last) & (last > 0)]
+        if not len(corners):
+            return np.asarray(np.isinf(distance[vertices]))
+        distance[corners[np.arange(len(corners)), distance[corners].argmax(axis=1)]] = np.inf
 
 
 def _with_moved(mesh: Mesh, rows: Ints, points: Floats, creased: Bools) -> tuple[Mesh, Bools]:

@@ -57,17 +57,14 @@ class FlatPart:
         source, mesh, geometry, warnings = mesh_of_manifold(boundary, lattice.spacing, LONGEST_EDGES[boundary.dim])
         return cls(source, mesh, geometry, warnings, source)
 
-    def curved(
-        self, lattice: Lattice, part_at: PartAt | None = None, divided: bool = False, share: float = 1.0
-    ) -> Mesh:
+    def curved(self, lattice: Lattice, part_at: PartAt | None = None, divided: bool = False) -> Mesh:
         """Return the cells that are sampled: subdivided, curved, segments split at the lattice's knot planes.
 
-        Cells of a skin with parts, see :func:`skin_of`, and all if ``divided``, are no longer than curved ones. Edges
-        are no longer than a ``share`` of the longest.
+        Cells of a skin with parts, see :func:`skin_of`, and all if ``divided``, are no longer than curved ones.
         """
         mesh, spacing = self.mesh, lattice.spacing
         if self.geometry != "flat" or mesh.manifold_dim == 1 or part_at is not None or divided:
-            mesh = subdivide(mesh, share * LONGEST_EDGES[mesh.dim] * spacing)
+            mesh = subdivide(mesh, LONGEST_EDGES[mesh.dim] * spacing)
         if part_at is not None:
             mesh = split_at_parts(mesh, np.arange(len(mesh.edges.ends)), part_at, self.geometry, self.source)
         return curve_cells(mesh, self.geometry, self.source, (), spacing)

@@ -6,18 +6,19 @@ kept, both are split where they meet, and get common vertices and edges there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from cpmkit.errors import ResolutionError, SceneError, place
 from cpmkit.forms.galerkin.solids.boundaries_inside import OUTSIDE
-from cpmkit.forms.galerkin.solids.skin import FlatPart, Skin, straight_midpoints, with_turned
-from cpmkit.forms.galerkin.solids.tip_extensions import EXTENDED_SPACINGS, with_extended_rims
+from cpmkit.forms.galerkin.solids.continuations import continuations, quadratic
+from cpmkit.forms.galerkin.solids.owned_mesh import ON_SPACINGS, OwnedMesh, halved, halved_near, part_of
+from cpmkit.forms.galerkin.solids.skin import FlatPart, Skin, with_turned
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.crossing_triangles import edges_through_triangles
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.sectors import sector_facets
@@ -30,20 +31,10 @@ from cpmkit.meshing.meeting_surfaces import (
     turned_cells,
     with_points,
 )
-from cpmkit.meshing.quadratic_surface import QuadraticSurface, edge_numbers, extremes_at_edges, quartered, split_edges
+from cpmkit.meshing.quadratic_surface import QuadraticSurface, quartered
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
-#: A surface that ends nearer to the skin or another one than this, in spacings, ends on it.
-ON_SPACINGS = 0.05
-#: A surface is continued past a rim up to this share of the distance to another of its rims.
-RIM_SHARE = 0.45
-#: It is continued by the first of these shares of ``EXTENDED_SPACINGS`` that fits.
-EXTENSION_SHARES = (1.0, 0.8, 0.6, 1 / 3, 0.0)
-#: The longest edges of its triangles are the first of these shares of those of skins with which it can be joined.
-FINENESSES = (1.0, 0.8, 0.6)
-#: Longest edges of continuations, in spacings.
-LONGEST_EXTENSION = 1.5
 #: A triangle of a surface inside with its corners on the skin is left out if its centre is nearer to it than this share
 #: of its size.
 THIN_SHARE = 0.12
@@ -53,41 +44,8 @@ LEAST_EDGE = 0.05
 LEAST_AREA_SHARE = 0.15
 #: at most so often.
 HALVINGS = 3
-
-
-@dataclass(frozen=True, eq=False)
-class OwnedMesh:
-    """Quadratic triangles of the skin and of surfaces inside, with common vertices where they meet."""
-
-    mesh: Mesh
-    owner: Ints  #: (m,): the number of the surface of each triangle, -1 for the skin.
-    beyond: Bools  #: (m,): whether a triangle continues a surface past a rim.
-
-    def take(self, rows: Bools | Ints, mesh: Mesh | None = None) -> OwnedMesh:
-        """Return the triangles ``rows``; or those of a ``mesh`` whose parents these are."""
-        if mesh is None:
-            mesh = _part_of(self.mesh, rows)
-        return OwnedMesh(mesh, self.owner[rows], self.beyond[rows])
-
-    def near_rims(self, lattice: Lattice) -> Floats:
-        """Return (v,) the distance from another surface at which a vertex lies on it: positive where a rim was."""
-        continued, given = np.zeros((2, len(self.mesh.vertices)), dtype=bool)
-        continued[self.mesh.cells[self.beyond]], given[self.mesh.cells[~self.beyond]] = True, True
-        return np.where(continued & given, ON_SPACINGS * lattice.spacing, 0.0)
-
-    @property
-    def seams(self) -> Bools:
-        """(e,) which edges have triangles of several owners."""
-        least, most = extremes_at_edges(self.mesh, self.owner)
-        return np.asarray(least < most)
-
-
-def _part_of(mesh: Mesh, rows: Bools | Ints) -> Mesh:
-    """Return the triangles ``rows`` of a mesh, with all its vertices, and the facets in ``cut`` that they have."""
-    assert mesh.midpoints is not None
-    part = Mesh.of(mesh.vertices, mesh.cells[rows], mesh.midpoints[rows])
-    has = edge_numbers(part, mesh.cut) >= 0 if len(mesh.cut) else np.zeros(0, dtype=bool)
-    return replace(part, cut=mesh.cut[has], owner=mesh.owner[has], beyond_tip=mesh.beyond_tip[has])
+#: Triangles near a place where surfaces cannot be joined are halved at most so often.
+REFINEMENTS = 4
 
 
 def with_surfaces_inside(
@@ -105,16 +63,12 @@ def with_surfaces_inside(
     """
     count = len(skin.mesh.cells)
     none = np.zeros(count, dtype=bool)
-    whole = OwnedMesh(_quadratic(skin.mesh), np.full(count, -1), none)
+    whole = OwnedMesh(quadratic(skin.mesh), np.full(count, -1), none)
     outer, earlier = QuadraticSurface(whole.mesh), list[QuadraticSurface]()
     for number, part in enumerate(inside):
         _check_simple(part, names[number], lattice)
-        for own in _continuations(part, number, names[number], solid, lattice):
-            surface = QuadraticSurface(own.mesh)
-            base, own = _pierced(whole, own, lattice), _pierced(own, whole, lattice)
-            joined = _trimmed(own, outer, solid, names[number], lattice)
-            if isinstance(joined, OwnedMesh):
-                joined = _joined(base, _split_at_earlier(joined, earlier, lattice), surface, lattice)
+        for own in continuations(part, number, names[number], solid, lattice):
+            joined = _with_surface(whole, own, outer, earlier, solid, names[number], lattice)
             if isinstance(joined, OwnedMesh):
                 break
         if not isinstance(joined, OwnedMesh):
@@ -124,9 +78,33 @@ def with_surfaces_inside(
                 f"tangent there; use spacing={0.5 * lattice.spacing:g} or less, or form='collocation'."
             )
         whole = joined
-        earlier.append(surface)
+        earlier.append(QuadraticSurface(own.mesh))
     whole = _without_loose_ends(whole)
     return _two_sided(skin, whole, inside, left_of)
+
+
+def _with_surface(
+    whole: OwnedMesh,
+    own: OwnedMesh,
+    outer: QuadraticSurface,
+    earlier: Sequence[QuadraticSurface],
+    solid: LocalSource,
+    name: str,
+    lattice: Lattice,
+) -> OwnedMesh | Floats:
+    """Return the ``whole`` with the part in the ``solid`` of a surface, its ``own``, halved where this is needed.
+
+    If they cannot be joined, a place (3,) where they meet is returned.
+    """
+    surface, turn = QuadraticSurface(own.mesh), 0
+    while True:
+        pierced = _pierced(whole, own, lattice), _pierced(own, whole, lattice)
+        joined = _trimmed(pierced[1], outer, solid, name, lattice)
+        if isinstance(joined, OwnedMesh):
+            joined = _joined(pierced[0], _split_at_earlier(joined, earlier, lattice), surface, lattice)
+        if isinstance(joined, OwnedMesh) or turn == REFINEMENTS:
+            return joined
+        whole, own, turn = halved_near(whole, joined), halved_near(own, joined), turn + 1
 
 
 def _check_simple(part: FlatPart, name: str, lattice: Lattice) -> None:
@@ -138,68 +116,6 @@ def _check_simple(part: FlatPart, name: str, lattice: Lattice) -> None:
             f"boundary {name!r} crosses itself near {at}; give its parts as boundaries of their own, which may cross, "
             "or use form='collocation'."
         )
-
-
-def _quadratic(mesh: Mesh) -> Mesh:
-    """Return the triangles with midpoints, of straight edges if they have none."""
-    return mesh if mesh.midpoints is not None else mesh.with_same_cells(midpoints=straight_midpoints(mesh))
-
-
-def _near_solid(own: OwnedMesh, solid: LocalSource, name: str) -> OwnedMesh:
-    """Return the triangles of a surface without those far outside of the ``solid``."""
-    mesh = own.mesh
-    feet = solid.closest_point(mesh.vertices)
-    far = (feet.edge >= 0) & (feet.distance > 2 * mesh.edge_lengths.max())
-    near = ~far[mesh.cells].all(axis=1)
-    if not near.any():
-        raise SceneError(OUTSIDE.format(name))
-    used, cells = np.unique(mesh.cells[near], return_inverse=True)
-    assert mesh.midpoints is not None
-    part = Mesh.of(mesh.vertices[used], cells.reshape(-1, 3), mesh.midpoints[near])
-    return OwnedMesh(part, own.owner[near], own.beyond[near])
-
-
-def _continuations(part: FlatPart, number: int, name: str, solid: LocalSource, lattice: Lattice) -> Iterator[OwnedMesh]:
-    """Yield the triangles of surface ``number`` with its rims continued, in the order in which they are tried."""
-    for fineness in FINENESSES:
-        mesh = _quadratic(part.curved(lattice, divided=True, share=fineness))
-        for extension in EXTENSION_SHARES:
-            length = extension * EXTENDED_SPACINGS * lattice.spacing
-            wide, beyond = mesh, np.zeros(len(mesh.cells), dtype=bool)
-            if length > 0:
-                wide, beyond = with_extended_rims(mesh, length)
-                if not beyond.any() or _meets_itself(wide, len(mesh.vertices), part, length, lattice):
-                    continue
-            own = _with_short_continuations(OwnedMesh(wide, np.full(len(wide.cells), number), beyond), lattice)
-            yield _near_solid(own, solid, name)
-
-
-def _with_short_continuations(own: OwnedMesh, lattice: Lattice) -> OwnedMesh:
-    """Return the triangles with those of continuations halved until no edge is long."""
-    while True:
-        edges = own.mesh.edges
-        on_strip = np.zeros(len(edges.ends), dtype=bool)
-        on_strip[edges.of_cells[own.beyond]] = True
-        long = np.flatnonzero(on_strip & (own.mesh.edge_lengths > LONGEST_EXTENSION * lattice.spacing))
-        if not len(long):
-            return own
-        halves, parent = split_edges(own.mesh, edges.ends[long], np.full(len(long), 0.5))
-        own = own.take(parent, halves)
-
-
-def _meets_itself(wide: Mesh, count: int, part: FlatPart, length: float, lattice: Lattice) -> bool:
-    """Return whether a surface comes near its own continuation by ``length``, whose vertices follow the ``count``."""
-    edges = wide.edges.ends
-    spokes = edges[(edges.min(axis=1) < count) & (edges.max(axis=1) >= count)]
-    start, end = (wide.vertices[each(spokes, axis=1)] for each in (np.min, np.max))
-    for share in (1 / 3, 2 / 3, 1.0):
-        points = start + share * (end - start)
-        off = part.source.closest_point(points).points - points
-        distance, along = norms(off), dots(off, unit(end - start))
-        ahead = (distance <= RIM_SHARE * length) & (along >= 0.5 * distance)
-        if (ahead | (distance < ON_SPACINGS * lattice.spacing)).any():
-            return True
-    return False
 
 
 def _pierced(one: OwnedMesh, other: OwnedMesh, lattice: Lattice) -> OwnedMesh:
@@ -299,7 +215,7 @@ def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice
 
 def _unclosed(whole: OwnedMesh) -> Floats | None:
     """Return a place (3,) where triangles cross, or enclose no sectors with both sides of surfaces; None if all do."""
-    skin, inside = (_part_of(whole.mesh, whole.owner < 0), _with_both_sides(_part_of(whole.mesh, whole.owner >= 0)))
+    skin, inside = (part_of(whole.mesh, whole.owner < 0), _with_both_sides(part_of(whole.mesh, whole.owner >= 0)))
     cell = edges_through_triangles(whole.mesh)[1]
     if len(cell):
         return np.asarray(whole.mesh.vertices[whole.mesh.cells[cell[0]]].mean(axis=0))
@@ -324,9 +240,7 @@ def _split_along(
         turned = turned_cells(mesh, split.chain, LEAST_AREA_SHARE)
         if turn == HALVINGS or not len(turned):
             break
-        edges = np.unique(own.mesh.edges.of_cells[split.parent[turned]])
-        halves, parent = split_edges(own.mesh, own.mesh.edges.ends[edges], np.full(len(edges), 0.5))
-        own = own.take(parent, halves)
+        own = halved(own, split.parent[turned])
     return own.take(split.parent, mesh), split
 
 
@@ -343,7 +257,7 @@ def _without_loose_ends(whole: OwnedMesh) -> OwnedMesh:
 
 def _two_sided(skin: Skin, whole: OwnedMesh, inside: Sequence[FlatPart], left_of: Callable[[int, Mesh], Bools]) -> Skin:
     """Return the cells of the ``skin``, and those of each surface inside, first with its normals, then turned."""
-    meshes = [_part_of(whole.mesh, whole.owner == number) for number in range(-1, len(inside))]
+    meshes = [part_of(whole.mesh, whole.owner == number) for number in range(-1, len(inside))]
     owner = [np.full(len(meshes[0].cells), -1)]
     left, beyond, twin = [owner[0] >= 0], [owner[0] >= 0], [owner[0]]
     for number, mesh in enumerate(meshes[1:]):
