@@ -11,6 +11,7 @@ import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots, unit
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
 
@@ -34,6 +35,38 @@ def sector_facets(mesh: Mesh) -> tuple[Ints, Bools]:
     sectors[order] = np.where(ahead, rank, before)
     is_open[order] = np.where(ahead, ahead[following], ~ahead[before])
     return sectors.reshape(numbers.shape), is_open.reshape(numbers.shape)
+
+
+def crossed_vertices(mesh: Mesh) -> Ints:
+    """Return the vertices (k,) of triangles at which some cross: the orders around edges there contradict each other.
+
+    On a small sphere around a vertex triangles are arcs between the points of edges. The orders of arcs around points
+    give the outlines of the regions between them, whose number follows from Euler's formula if no arcs cross.
+    """
+    numbers, cells = mesh.connectivity.facet_numbers, mesh.cells
+    angles, is_ahead = _angles(mesh)
+    order = np.lexsort([angles.ravel(), numbers.ravel()])
+    counts = np.bincount(numbers.ravel(), minlength=mesh.connectivity.facet_count)
+    ends = np.cumsum(counts)
+    following = np.append(order[1:], 0)
+    following[ends[counts > 0] - 1] = order[(ends - counts)[counts > 0]]
+    ahead, pairs = is_ahead.ravel(), []
+    (cell, corner), (other, other_corner) = np.divmod(order, 3), np.divmod(following, 3)
+    for k in (1, 2):
+        at, match = (corner + k) % 3, (other_corner + 1) % 3
+        match = np.where(cells[other, match] == cells[cell, at], match, (other_corner + 2) % 3)
+        pairs.append(np.stack([6 * cell + 2 * at + ahead[order], 6 * other + 2 * match + ~ahead[following]], axis=1))
+    links, vertex = np.concatenate(pairs), np.repeat(cells.ravel(), 2)
+
+    def count(ends: Ints, of: Ints) -> Ints:
+        """Return the number (v,) of connected components of the elements ``of`` (n,) each vertex."""
+        total, label = connected_components(len(of), ends)
+        at = np.empty(total, dtype=np.int64)
+        at[label] = of
+        return np.bincount(at, minlength=len(mesh.vertices))
+
+    edges, arcs = (np.bincount(each.ravel(), minlength=len(mesh.vertices)) for each in (mesh.edges.ends, cells))
+    return np.flatnonzero(count(links, vertex) != 2 * count(links // 2, cells.ravel()) - edges + arcs)
 
 
 def _angles(mesh: Mesh) -> tuple[Floats, Bools]:

@@ -35,14 +35,14 @@ class ChainedMeshes:
 def match_chains(base: Mesh, base_chain: Ints, other: Mesh, chain: Ints) -> ChainedMeshes | Floats:
     """Return two meshes with common edges: all those of the ``chain`` (k, 2) of the ``other``, as the base has them.
 
-    ``base_chain`` (n, 2) are edges of the base nearby. If the chains differ, a point (3,) where they do is returned.
+    ``base_chain`` (n, 2) are edges of the base nearby. If the chains differ, points (k, 3) where they do are returned.
     """
     parent, other_parent = np.arange(len(base.cells)), np.arange(len(other.cells))
     number = _same_vertices(base, base_chain, other, np.unique(chain))
     while len(free := np.setdiff1d(chain, np.flatnonzero(number >= 0))):
         edge, share = _nearest_edges(other.vertices[free], base, base_chain)
         if (edge < 0).any():
-            return np.asarray(other.vertices[free[np.argmax(edge < 0)]])
+            return np.asarray(other.vertices[free[edge < 0]])
         rows = first_of_each(edge, np.abs(share - 0.5))
         number[free[rows]] = len(base.vertices) + np.arange(len(rows))
         base, base_chain, parts = _split_chain(base, base_chain, edge[rows], share[rows])
@@ -59,7 +59,7 @@ def match_chains(base: Mesh, base_chain: Ints, other: Mesh, chain: Ints) -> Chai
         other, chain, parts = _split_chain(other, chain, missing[edge[rows]], share[rows])
         other_parent, number = other_parent[parts], np.concatenate([number, vertex[rows]])
     if len(missing):
-        return np.asarray(other.vertices[chain[missing[0], 0]])
+        return np.asarray(other.vertices[chain[missing, 0]])
     return ChainedMeshes(base, parent, _with_chain_of(other, chain, number, base), other_parent, number, chain)
 
 

@@ -65,6 +65,7 @@ SURFACES = {
     ],
     "two spheres that cross inside": [sphere(0.4, -0.2, 0.0, 0.0), sphere(0.4, 0.2, 0.0, 0.05)],
     "a tube": [tube(12, 0.4, 4.0)],
+    "a sphere across a tube": [tube(8, 0.4, 4.0), sphere(0.6, 0.35, 0.15, 0.1)],
 }
 
 
@@ -126,8 +127,8 @@ def test_each_of_four_pieces_has_a_solution_of_its_own():
     assert found.flux("a", "left") + found.flux("a", "right") == pytest.approx(0.0, abs=1e-6)
 
 
-def in_sphere(x):
-    return np.linalg.norm(x - [0.5, 0.1, 0.2], axis=1) < 0.6
+def in_sphere(x, center=(0.5, 0.1, 0.2)):
+    return np.linalg.norm(x - center, axis=1) < 0.6
 
 
 def above_turned(x):
@@ -138,17 +139,27 @@ def above_oblique(x):
     return (x - [0, 0, 0.1]) @ np.cross([1, 0, 0.2], [0, 1, 0.1]) > 0
 
 
+def in_tube(x):
+    angle = (np.arange(8) + 0.5) * np.pi / 4
+    normals = np.stack([np.cos(angle), np.sin(angle)])
+    return ((x @ TURN.T)[:, :2] @ normals).max(axis=1) < 0.4 * np.cos(np.pi / 8)
+
+
 OBLIQUE = np.array([[-3, -3, -0.8], [3, -3, 0.4], [3, 3, 1.0], [-3, 3, -0.2]])
 DIAGONAL = np.array([[-1, -1, -1], [2, 2, -1], [2, 2, 2], [-1, -1, 2]])
 TWO = [[0, 1, 2], [0, 2, 3]]
 CUBE = ck.source("analytic.box", lower=[0.0, 0.0, 0.0], upper=[1.0, 1.0, 1.0])
 TURNED, SMALL = (plate(*WIDE, 0.1, TURN), above_turned), (sphere(0.6, 0.5, 0.1, 0.2), in_sphere)
+MIDDLE = (0.35, 0.15, 0.1)
+OTHER = (sphere(0.6, *MIDDLE), lambda x: in_sphere(x, MIDDLE))
 #: Solid, spacing, and walls with functions that are true on one side.
 ROOMS = {
     "a turned plane and a sphere": (BALL, 0.32, [TURNED, SMALL]),
     # the edge of the plane on the skin pierces the sphere within rounding of the plane
     "at another spacing": (BALL, 0.3, [TURNED, SMALL]),
     "an oblique plane and a sphere": (BALL, 0.4, [(mesh(OBLIQUE, TWO), above_oblique), SMALL]),
+    # edges where they meet are bent more than triangles are thick
+    "a sphere across a tube": (BALL, 0.4, [(tube(8, 0.4, 4.0), in_tube), OTHER]),
     # the wall passes through edges of lattice cells too
     "a plane through edges of a cube": (CUBE, 0.37, [(mesh(DIAGONAL, TWO), lambda x: x[:, 0] > x[:, 1])]),
 }

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.quadratic_surface import edge_numbers, extremes_at_edges, split_edges
 from cpmkit.types import Bools, Floats, Ints
@@ -59,7 +58,9 @@ def halved(own: OwnedMesh, cells: Ints) -> OwnedMesh:
     return own.take(parent, halves)
 
 
-def halved_near(own: OwnedMesh, at: Floats) -> OwnedMesh:
-    """Return the triangles with those halved that are nearer to the place ``at`` (3,) than they are long."""
-    distance = norms(own.mesh.vertices[own.mesh.cells].mean(axis=1) - at)
+def halved_near(own: OwnedMesh, places: Floats) -> OwnedMesh:
+    """Return the triangles with those halved that are nearer to one of ``places`` (k, 3) than they are long."""
+    from scipy.spatial import KDTree
+
+    distance = KDTree(places).query(own.mesh.vertices[own.mesh.cells].mean(axis=1))[0]
     return halved(own, np.flatnonzero(distance < own.mesh.lengths_of_cells.max(axis=1)))

@@ -21,7 +21,7 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.crossing_triangles import edges_through_triangles
 from cpmkit.mesh.mesh import CellGeometry, Mesh
-from cpmkit.mesh.sectors import sector_facets
+from cpmkit.mesh.sectors import crossed_vertices, sector_facets
 from cpmkit.meshing.common_edges import match_chains
 from cpmkit.meshing.meeting_surfaces import (
     SplitMesh,
@@ -74,7 +74,7 @@ def with_surfaces_inside(
         if not isinstance(joined, OwnedMesh):
             raise ResolutionError(
                 f"spacing={lattice.spacing:g} is too coarse for where boundary {names[number]!r} meets the boundary of "
-                f"the solid, another boundary or itself, near {place(lattice.to_scene(joined))}, or they are nearly "
+                f"the solid, another boundary or itself, near {place(lattice.to_scene(joined[0]))}, or they are nearly "
                 f"tangent there; use spacing={0.5 * lattice.spacing:g} or less, or form='collocation'."
             )
         whole = joined
@@ -94,7 +94,7 @@ def _with_surface(
 ) -> OwnedMesh | Floats:
     """Return the ``whole`` with the part in the ``solid`` of a surface, its ``own``, halved where this is needed.
 
-    If they cannot be joined, a place (3,) where they meet is returned.
+    If they cannot be joined, places (k, 3) where they meet are returned.
     """
     surface, turn = QuadraticSurface(own.mesh), 0
     while True:
@@ -130,7 +130,7 @@ def _trimmed(
 ) -> OwnedMesh | Floats:
     """Return the part of a surface in the ``solid``, with its edges on the skin in ``cut``.
 
-    If it cannot be trimmed, or ends inside without a continuation, a place (3,) where is returned.
+    If it cannot be trimmed, or ends inside without a continuation, places (k, 3) where are returned.
     """
 
     def side(points: Floats) -> tuple[Floats, Floats]:
@@ -144,14 +144,14 @@ def _trimmed(
     split = split_at_surface(own.mesh, side, own.near_rims(lattice), exact=1e-3, thin=THIN_SHARE)
     divided = (split.sides == 0) & ~split.is_on[split.mesh.cells].all(axis=1)
     if divided.any():
-        return np.asarray(split.mesh.vertices[split.mesh.cells[np.argmax(divided)]].mean(axis=0))
+        return _centres(split.mesh, divided)
     kept = own.take(split.parent, split.mesh).take(split.sides < 0)
     if kept.beyond.all():
         raise SceneError(OUTSIDE.format(name))
     rim = _rim(kept.mesh)
     ends_on_skin = split.is_on[rim].all(axis=1)
     if not (ends_on_skin.all() or kept.beyond.any()):
-        return np.asarray(kept.mesh.vertices[rim[~ends_on_skin][0, 0]])
+        return np.asarray(kept.mesh.vertices[rim[~ends_on_skin, 0]])
     return _with_cut(kept, rim[ends_on_skin])
 
 
@@ -185,7 +185,7 @@ def _split_at_earlier(own: OwnedMesh, earlier: Sequence[QuadraticSurface], latti
 def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice: Lattice) -> OwnedMesh | Floats:
     """Return the ``whole`` with the triangles of a further ``surface``, its ``own``, joined at the edges in ``cut``.
 
-    If they cannot be joined, a place (3,) where they meet is returned.
+    If they cannot be joined, places (k, 3) where they meet are returned.
     """
     number, chain = np.full(len(own.mesh.vertices), -1), own.mesh.cut
     if len(chain):
@@ -199,7 +199,7 @@ def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice
             turned = turned_cells(mesh, edges, 0.0)
             large = turned[mesh.lengths_of_cells[turned].min(axis=1) > LEAST_EDGE * lattice.spacing]
             if len(large):
-                return np.asarray(mesh.vertices[mesh.cells[large[0]]].mean(axis=0))
+                return _centres(mesh, large)
         whole = whole.take(matched.parent, matched.base)
         own, number = own.take(matched.other_parent, matched.other), matched.number
     new = number < 0
@@ -214,17 +214,26 @@ def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice
 
 
 def _unclosed(whole: OwnedMesh) -> Floats | None:
-    """Return a place (3,) where triangles cross, or enclose no sectors with both sides of surfaces; None if all do."""
+    """Return places (k, 3) where triangles cross, or enclose no sectors with both sides of surfaces; None if all do."""
     skin, inside = (part_of(whole.mesh, whole.owner < 0), _with_both_sides(part_of(whole.mesh, whole.owner >= 0)))
     cell = edges_through_triangles(whole.mesh)[1]
     if len(cell):
-        return np.asarray(whole.mesh.vertices[whole.mesh.cells[cell[0]]].mean(axis=0))
+        return _centres(whole.mesh, cell)
+    for mesh in (quartered(whole.mesh), whole.mesh):
+        crossed = crossed_vertices(mesh)
+        if len(crossed):
+            return np.asarray(mesh.vertices[crossed])
     curved = _joined_cells(whole.mesh.vertices, [skin, inside])
     for mesh in (quartered(curved), curved):
-        is_open = sector_facets(mesh)[1].any(axis=1)
-        if is_open.any():
-            return np.asarray(mesh.vertices[mesh.cells[np.argmax(is_open)]].mean(axis=0))
+        is_open = np.flatnonzero(sector_facets(mesh)[1].any(axis=1))
+        if len(is_open):
+            return _centres(mesh, is_open)
     return None
+
+
+def _centres(mesh: Mesh, cells: Ints | Bools) -> Floats:
+    """Return the centres (k, 3) of triangles of a mesh."""
+    return np.asarray(mesh.vertices[mesh.cells[cells]].mean(axis=1))
 
 
 def _split_along(
