@@ -85,20 +85,26 @@ class ProjectionSearch:
             none = np.zeros(0, dtype=np.int64)
             return Projections(none, none, np.zeros((0, 3)), np.zeros(0))
         size, reach = self._nearest_centroid(points)
-        point, cell = self._near_pairs(points, size + reach)
-        shares = nearest_barycentric(points[point], self.mesh.vertices[self.mesh.cells[cell]])
-        away = norms(points[point] - np.einsum("nk,nkd->nd", shares, self.mesh.vertices[self.mesh.cells[cell]]))
-        order = np.lexsort((cell, away, point))
-        projections = Projections(point, cell, shares, away).take(order)
+        projections = self._projections(points, size + reach)
         first = np.flatnonzero(np.diff(projections.point, prepend=-1))
-        least = np.repeat(projections.distance[first], np.diff(np.append(first, len(order))))
+        least = np.repeat(projections.distance[first], np.diff(np.append(first, len(projections.point))))
         projections = projections.take(projections.distance <= least + size[projections.point])
         return projections.take(self._are_local_minima(projections))
 
     def nearest(self, points: Floats) -> Projections:
         """Return the nearest projection of each of ``points`` (n, 3)."""
-        projections = self.candidates(points)
+        if not len(points):
+            return self.candidates(points)
+        projections = self._projections(points, self._nearest_centroid(points)[1])
         return projections.take(np.flatnonzero(np.diff(projections.point, prepend=-1)))
+
+    def _projections(self, points: Floats, reach: Floats) -> Projections:
+        """Return the projections of ``points`` (n, 3) on triangles within ``reach`` (n,), the nearest of each first."""
+        point, cell = self._near_pairs(points, reach)
+        corners = self.mesh.vertices[self.mesh.cells[cell]]
+        shares = nearest_barycentric(points[point], corners)
+        away = norms(points[point] - np.einsum("nk,nkd->nd", shares, corners))
+        return Projections(point, cell, shares, away).take(np.lexsort((cell, away, point)))
 
     def _near_pairs(self, points: Floats, reach: Floats) -> tuple[Ints, Ints]:
         """Return the points (p,) and the triangles (p,) of all pairs that may be within the point's ``reach`` (n,)."""

@@ -215,14 +215,11 @@ def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice
 
 def _unclosed(whole: OwnedMesh) -> Floats | None:
     """Return places (k, 3) where triangles cross, or enclose no sectors with both sides of surfaces; None if all do."""
-    skin, inside = (part_of(whole.mesh, whole.owner < 0), _with_both_sides(part_of(whole.mesh, whole.owner >= 0)))
-    cell = edges_through_triangles(whole.mesh)[1]
-    if len(cell):
-        return _centres(whole.mesh, cell)
     for mesh in (quartered(whole.mesh), whole.mesh):
-        crossed = crossed_vertices(mesh)
-        if len(crossed):
-            return np.asarray(mesh.vertices[crossed])
+        cell, crossed = edges_through_triangles(mesh)[1], crossed_vertices(mesh)
+        if len(cell) or len(crossed):
+            return np.concatenate([_centres(mesh, cell), mesh.vertices[crossed]])
+    skin, inside = (part_of(whole.mesh, whole.owner < 0), _with_both_sides(part_of(whole.mesh, whole.owner >= 0)))
     curved = _joined_cells(whole.mesh.vertices, [skin, inside])
     for mesh in (quartered(curved), curved):
         is_open = np.flatnonzero(sector_facets(mesh)[1].any(axis=1))
