@@ -284,13 +284,17 @@ def turned_cells(mesh: Mesh, chain: Ints, least: float) -> Ints:
     return cells[share < least]
 
 
-def piercing_points(mesh: Mesh, side: Side) -> Floats:
-    """Return the points (k, 3) where creases of a mesh, not its rims, meet another surface, given by its ``side``."""
-    creases = np.flatnonzero(creased_edges(mesh) & ~mesh.connectivity.on_rim)
+def piercing_points(mesh: Mesh, side: Side, gap: float) -> Floats:
+    """Return the points (k, 3) where creases and rims of a mesh meet another surface, given by its ``side``.
+
+    Edges of rims of which an end is nearer to the surface than ``gap`` may end on it, and are left out.
+    """
+    creases = np.flatnonzero(creased_edges(mesh))
     if not len(creases):
         return np.zeros((0, 3))
     sides = np.full(len(mesh.vertices), np.inf)
     ends = np.unique(mesh.edges.ends[creases])
     sides[ends] = side(mesh.vertices[ends])[0]
-    crossing, share = _crossings(mesh, sides, side, creases, 1e-12, 1e-6)
+    ends_on = mesh.connectivity.on_rim[creases] & (np.abs(sides[mesh.edges.ends[creases]]).min(axis=1) < gap)
+    crossing, share = _crossings(mesh, sides, side, creases[~ends_on], 1e-12, 1e-6)
     return arc_points(mesh, crossing, share)

@@ -55,7 +55,10 @@ def continuations(part: FlatPart, number: int, name: str, solid: LocalSource, la
             if not beyond.any() or _meets_itself(wide, len(mesh.vertices), part, length, lattice):
                 continue
         own = _with_short_continuations(OwnedMesh(wide, np.full(len(wide.cells), number), beyond), lattice)
-        yield _near_solid(own, solid, name)
+        own = _near_solid(own, solid, name)
+        yield own
+        if not own.beyond.any():
+            return
 
 
 def _with_short_continuations(own: OwnedMesh, lattice: Lattice) -> OwnedMesh:

@@ -119,9 +119,9 @@ def _check_simple(part: FlatPart, name: str, lattice: Lattice) -> None:
 
 
 def _pierced(one: OwnedMesh, other: OwnedMesh, lattice: Lattice) -> OwnedMesh:
-    """Return the triangles of ``one`` with vertices where creases of the ``other`` meet them."""
-    surface = QuadraticSurface(one.mesh)
-    mesh, parent = with_points(one.mesh, piercing_points(other.mesh, lambda x: surface.side(x, lattice.spacing)))
+    """Return the triangles of ``one`` with vertices where creases and rims of the ``other`` meet them."""
+    surface, gap = QuadraticSurface(one.mesh), ON_SPACINGS * lattice.spacing
+    mesh, parent = with_points(one.mesh, piercing_points(other.mesh, lambda x: surface.side(x, lattice.spacing), gap))
     return one.take(parent, mesh)
 
 
