@@ -16,15 +16,8 @@ PAIRS_AT_ONCE = 2**20
 
 def edges_through_triangles(mesh: Mesh) -> tuple[Ints, Ints]:
     """Return edges (k,) and triangles (k,) of a flat ``mesh`` that cross inside both, without a common vertex."""
-    from scipy.spatial import cKDTree
-
     ends, corners = mesh.vertices[mesh.edges.ends], mesh.vertices[mesh.cells]
-    middles, centres = ends.mean(axis=1), corners.mean(axis=1)
-    radius = norms(corners - centres[:, None]).max(axis=1)
-    near = cKDTree(centres).query_ball_point(middles, 0.5 * mesh.edge_lengths + radius.max(initial=0.0))
-    counts = np.array([len(rows) for rows in near], dtype=np.int64)
-    edge = np.repeat(np.arange(len(middles)), counts)
-    cell = np.concatenate([np.zeros(0), *near]).astype(np.int64)
+    edge, cell = _near_pairs(ends, corners)
     found = []
     for start in range(0, len(edge), PAIRS_AT_ONCE):
         rows = slice(start, start + PAIRS_AT_ONCE)
@@ -33,6 +26,26 @@ def edges_through_triangles(mesh: Mesh) -> tuple[Ints, Ints]:
         found.append(start + np.flatnonzero(crosses & apart))
     chosen = np.concatenate([np.zeros(0, dtype=np.int64), *found])
     return edge[chosen], cell[chosen]
+
+
+def _near_pairs(ends: Floats, corners: Floats) -> tuple[Ints, Ints]:
+    """Return segments (k,) and triangles (k,) with boxes that meet; triangles of one size are tried at a time."""
+    from scipy.spatial import cKDTree
+
+    middles, centres = ends.mean(axis=1), corners.mean(axis=1)
+    reach, radius = 0.5 * norms(ends[:, 1] - ends[:, 0]), norms(corners - centres[:, None]).max(axis=1)
+    size = np.floor(np.log2(np.maximum(radius, np.finfo(float).tiny)))
+    edges, cells = [], []
+    for each in np.unique(size):
+        members = np.flatnonzero(size == each)
+        near = cKDTree(centres[members]).query_ball_point(middles, reach + radius[members].max())
+        edge = np.repeat(np.arange(len(middles)), [len(rows) for rows in near])
+        cell = members[np.concatenate([np.zeros(0), *near]).astype(np.int64)]
+        apart = (ends.max(axis=1)[edge] < corners.min(axis=1)[cell]).any(axis=1)
+        apart |= (ends.min(axis=1)[edge] > corners.max(axis=1)[cell]).any(axis=1)
+        edges.append(edge[~apart])
+        cells.append(cell[~apart])
+    return np.concatenate(edges), np.concatenate(cells)
 
 
 def _cross(ends: Floats, corners: Floats) -> Bools:

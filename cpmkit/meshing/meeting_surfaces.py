@@ -16,10 +16,12 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.common_edges import first_of_each
 from cpmkit.meshing.quadratic_surface import (
     QuadraticSurface,
+    arc_nodes,
     arc_points,
     edge_midpoints,
     edge_numbers,
     extremes_at_edges,
+    points_of_arcs,
     split_cells,
     split_edges,
     with_edge_midpoints,
@@ -104,6 +106,7 @@ def _crossings(
     ends = mesh.edges.ends[edges]
     edges = edges[np.prod(np.sign(sides[ends]), axis=1) < 0]
     start, end = sides[mesh.edges.ends[edges]].T
+    nodes, length = arc_nodes(mesh, edges), mesh.edge_lengths[edges]
     low, high, share = np.zeros(len(edges)), np.ones(len(edges)), np.full(len(edges), 0.5)
     before, after = start.copy(), end.copy()
     active = np.arange(len(edges))
@@ -114,14 +117,13 @@ def _crossings(
             secant = low[active] + (high - low)[active] * before[active] / (before - after)[active]
         bisect = (turn % 3 == 2) | ~((secant > low[active]) & (secant < high[active]))
         share[active] = np.where(bisect, 0.5 * (low + high)[active], secant)
-        value = side(arc_points(mesh, edges[active], share[active]))[0]
+        value = side(points_of_arcs(nodes[active], share[active]))[0]
         on_first = value * start[active] > 0
         low[active], before[active] = np.where(on_first, [share[active], value], [low[active], before[active]])
         high[active], after[active] = np.where(on_first, [high[active], after[active]], [share[active], value])
-        ready = (np.abs(value) <= exact * mesh.edge_lengths[edges[active]]) | ((high - low)[active] < exact)
+        ready = (np.abs(value) <= exact * length[active]) | ((high - low)[active] < exact)
         active = active[~ready]
-    height, beyond = side(arc_points(mesh, edges, share)) if len(edges) else (start, start)
-    length = mesh.edge_lengths[edges]
+    height, beyond = side(points_of_arcs(nodes, share)) if len(edges) else (start, start)
     valid = (np.abs(height) <= 0.1 * length) & (beyond <= beyond_rim * length)
     return edges[valid], share[valid]
 

@@ -97,10 +97,19 @@ class QuadraticSurface:
 
 def arc_points(mesh: Mesh, edges: Ints, shares: Floats) -> Floats:
     """Return the points (n, 3) at ``shares`` (n,) of quadratic ``edges`` (n,)."""
-    t = shares[:, None]
-    a, b = mesh.vertices[mesh.edges.ends[edges]].transpose(1, 0, 2)
-    middle = edge_midpoints(mesh)[edges]
-    return np.asarray((1 - t) * (1 - 2 * t) * a + 4 * t * (1 - t) * middle + t * (2 * t - 1) * b)
+    return points_of_arcs(arc_nodes(mesh, edges), shares)
+
+
+def arc_nodes(mesh: Mesh, edges: Ints) -> Floats:
+    """Return the first end, the midpoint and the last end of quadratic ``edges`` (n,), as (n, 3, 3)."""
+    return np.insert(mesh.vertices[mesh.edges.ends[edges]], 1, edge_midpoints(mesh)[edges], axis=1)
+
+
+def points_of_arcs(nodes: Floats, shares: Floats) -> Floats:
+    """Return the points (n, 3) at ``shares`` (n,) of arcs with these ``nodes`` (n, 3, 3)."""
+    t = shares
+    values = np.stack([(1 - t) * (1 - 2 * t), 4 * t * (1 - t), t * (2 * t - 1)], axis=1)
+    return np.asarray(np.einsum("nk,nkd->nd", values, nodes))
 
 
 def edge_midpoints(mesh: Mesh) -> Floats:

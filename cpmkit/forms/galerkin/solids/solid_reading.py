@@ -212,11 +212,12 @@ class SolidCoefficients(SampleCoefficients):
         In a sharp corner such points may lie outside of the patch; they are left out.
         """
         boundary, spacing, patches = self.sampled.boundary, self.sampled.lattice.spacing, self.sampled.patches
-        inside = boundary.points - INSIDE_SPACINGS * spacing * boundary.conormals
+        rows = np.flatnonzero(np.isin(boundary.cell, patch))
+        cell, inside = boundary.cell[rows], (boundary.points - INSIDE_SPACINGS * spacing * boundary.conormals)[rows]
         found = patches.patches_at(np.floor(inside / spacing + 0.5).astype(np.int64), inside / spacing)
-        low, high = np.minimum(boundary.cell, found), np.maximum(boundary.cell, found)
+        low, high = np.minimum(cell, found), np.maximum(cell, found)
         own = np.flatnonzero((low == high) | (find_codes(self._touching, low * len(patches.cells) + high) >= 0))
-        starts = np.searchsorted(boundary.cell[own], np.arange(patches.cut + 1))
+        starts = np.searchsorted(cell[own], np.arange(patches.cut + 1))
         return nearest_of_group(points, patch, starts, inside[own])
 
     @property

@@ -31,7 +31,7 @@ from cpmkit.meshing.meeting_surfaces import (
     turned_cells,
     with_points,
 )
-from cpmkit.meshing.quadratic_surface import QuadraticSurface, quartered
+from cpmkit.meshing.quadratic_surface import QuadraticSurface, edge_numbers, quartered
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
@@ -101,6 +101,8 @@ def _with_surface(
         pierced = _pierced(whole, own, lattice), _pierced(own, whole, lattice)
         joined = _trimmed(pierced[1], outer, solid, name, lattice)
         if isinstance(joined, OwnedMesh):
+            if len(places := _ends_inside(joined)):
+                return places
             joined = _joined(pierced[0], _split_at_earlier(joined, earlier, lattice), surface, lattice)
         if isinstance(joined, OwnedMesh) or turn == REFINEMENTS:
             return joined
@@ -130,7 +132,7 @@ def _trimmed(
 ) -> OwnedMesh | Floats:
     """Return the part of a surface in the ``solid``, with its edges on the skin in ``cut``.
 
-    If it cannot be trimmed, or ends inside without a continuation, places (k, 3) where are returned.
+    If it cannot be trimmed, places (k, 3) where are returned.
     """
 
     def side(points: Floats) -> tuple[Floats, Floats]:
@@ -149,10 +151,15 @@ def _trimmed(
     if kept.beyond.all():
         raise SceneError(OUTSIDE.format(name))
     rim = _rim(kept.mesh)
-    ends_on_skin = split.is_on[rim].all(axis=1)
-    if not (ends_on_skin.all() or kept.beyond.any()):
-        return np.asarray(kept.mesh.vertices[rim[~ends_on_skin, 0]])
-    return _with_cut(kept, rim[ends_on_skin])
+    return _with_cut(kept, rim[split.is_on[rim].all(axis=1)])
+
+
+def _ends_inside(trimmed: OwnedMesh) -> Floats:
+    """Return places (k, 3) where a surface ends inside the solid without a continuation, which no halving mends."""
+    rim = trimmed.mesh.connectivity.on_rim.copy()
+    rim[edge_numbers(trimmed.mesh, trimmed.mesh.cut)] = False
+    middles = trimmed.mesh.vertices[trimmed.mesh.edges.ends[rim]].mean(axis=1)
+    return np.asarray(middles[: 0 if trimmed.beyond.any() else None])
 
 
 def _rim(mesh: Mesh) -> Ints:
