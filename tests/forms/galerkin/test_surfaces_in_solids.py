@@ -63,10 +63,6 @@ SURFACES = {
         plate(*WIDE, 0.13),
         mesh([[0.1, -3, 0.13], [0.1, 3, 0.13], [0.1, 3, 3], [0.1, -3, 3]], [[0, 1, 2], [0, 2, 3]]),
     ],
-    "listed first, a plane that ends on another": [
-        mesh([[0.1, -3, 0.13], [0.1, 3, 0.13], [0.1, 3, 3], [0.1, -3, 3]], [[0, 1, 2], [0, 2, 3]]),
-        plate(*WIDE, 0.13),
-    ],
     "two spheres that cross inside": [sphere(0.4, -0.2, 0.0, 0.0), sphere(0.4, 0.2, 0.0, 0.05)],
     "a tube": [tube(12, 0.4, 4.0)],
     "a sphere across a tube": [tube(8, 0.4, 4.0), sphere(0.6, 0.35, 0.15, 0.1)],
