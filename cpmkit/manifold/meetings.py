@@ -13,13 +13,16 @@ import numpy as np
 from cpmkit.manifold.abilities import HasMesh, members_of
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.manifold.vector_algebra import norms
+from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.types import Bools, Floats
 
 #: Members touch where they are nearer than this share of the union's largest side: rounding, and errors of meshes.
 TOUCHING_SHARE = 1e-5
 #: A member lies on another in part if more than this share of its points touch it.
 PART_SHARE = 0.02
+#: A rim reaches the edge of a solid if it is nearer than this share of the largest side: the chords of a polygon of 32
+#: corners are off the circle by a quarter of a percent of its diameter.
+REACHED_SHARE = 3e-3
 #: A curve and a surface are tangent between two places where they are nearer than so many touching distances.
 TANGENT_FACTOR = 10.0
 #: Number of points on a curve at which its distance from other members is computed.
@@ -147,13 +150,18 @@ def edges_near(source: ClosestPointSource, places: Floats) -> dict[int, Floats]:
     return {int(loop): feet.points[feet.edge == loop] for loop in np.unique(feet.edge[feet.edge >= 0])}
 
 
-def is_on_edge(source: ClosestPointSource, points: Floats, loop: int | None) -> Bools:
-    """Return whether each of ``points`` (n, d) is on the edge ``loop`` of ``source``, on any for None.
+def reaches_edge(lower: ClosestPointSource, source: ClosestPointSource, points: Floats, loop: int | None) -> Bools:
+    """Return where among ``points`` (n, d) of its rims ``lower`` reaches the edge ``loop`` of ``source``, any for None.
 
-    As for :func:`edges_near`, steps away from the points decide.
+    As for :func:`edges_near`, steps away from the points decide. One is longer, outwards from ``lower``, since a
+    polygon may be off a curved edge.
     """
-    steps = _steps(source.dim, touching_distance(source))
-    edge = source.closest_point((points[:, None] + steps).reshape(-1, source.dim)).edge.reshape(len(points), -1)
+    steps, dim = _steps(source.dim, touching_distance(source)), source.dim
+    around = points[:, None] + steps
+    outward = unit((around - lower.closest_point(around.reshape(-1, dim)).points.reshape(around.shape)).sum(axis=1))
+    beyond = points + REACHED_SHARE / TOUCHING_SHARE * touching_distance(source) * outward
+    queries = np.concatenate([around, beyond[:, None]], axis=1).reshape(-1, dim)
+    edge = source.closest_point(queries).edge.reshape(len(points), len(steps) + 1)
     return np.asarray(((edge >= 0) if loop is None else (edge == loop)).any(axis=1))
 
 

@@ -124,14 +124,18 @@ def check_mesh(subject: Subject) -> None:
 @law("near", abilities.HasMesh, together=True)
 def check_mesh_covers(subject: Subject, x: Floats) -> None:
     """The mesh covers a curve or surface: it has a point within a spacing or so of each foot."""
-    from scipy.spatial import cKDTree
+    from itertools import product
 
-    from cpmkit.mesh.mixed_cells import refine_mixed_cells
+    from scipy.spatial import cKDTree
 
     if subject.source.manifold_dim in (1, 2):
         spacing = COVERING_SHARE * subject.size
-        points, cells = refine_mixed_cells(*subject.source.mesh(spacing), subject.source.dim, spacing)
-        off = cKDTree(points[np.unique(cells[cells >= 0])]).query(subject.feet(x).points)[0]
+        vertices, cells = subject.source.mesh(spacing)
+        corners = vertices[cells[:, : subject.source.manifold_dim + 1]]
+        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+        parts = int(np.ceil(longest / spacing))  # of each side; their corners are points of the mesh
+        shares = np.array([each for each in product(range(parts + 1), repeat=corners.shape[1]) if sum(each) == parts])
+        off = cKDTree(np.concatenate(shares / parts @ corners)).query(subject.feet(x).points)[0]
         require_rows(off <= COVERED_SPACINGS * spacing, x, "Off the mesh lies a foot by", off)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.manifold.abilities import edge_limit_of, members_of
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.manifold.meetings import distinct_places, edges_near, is_near, is_on_edge, meetings_of
+from cpmkit.manifold.meetings import Meeting, distinct_places, edges_near, is_near, meetings_of, reaches_edge
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import member_dimensions
 from cpmkit.scene.boundary import Boundary
@@ -116,7 +116,7 @@ def _ends_within(scene: Scene, numbers: Sequence[int]) -> dict[int, LoopConditio
         lower = members[meeting.lower]
         kinds = ("along", "within", "inside") if largest_dim(lower) == 1 else ("within",)
         if meeting.lower in numbers and meeting.how in kinds:
-            first, values = own_starts[numbers.index(meeting.lower)], [*_values_on_edge(scene, meeting.higher)]
+            first, values = own_starts[numbers.index(meeting.lower)], [*_values_on_edge(scene, meeting)]
             for loop, at in edges_near(lower, meeting.places).items():
                 parts = [part for part in values if part.where is not None and part.where(at).any()]
                 rest: LoopConditions = JunctionSide() if not parts else ByPosition((*parts, Part(JunctionSide())))
@@ -124,13 +124,15 @@ def _ends_within(scene: Scene, numbers: Sequence[int]) -> dict[int, LoopConditio
     return found
 
 
-def _values_on_edge(scene: Scene, number: int) -> Iterator[Part]:
-    """Yield the conditions on the edge of member ``number`` that are values, each with the places where it holds."""
-    member, (starts, _) = members_of(scene.surface)[number], _first_loops(scene.surface, (number,))
+def _values_on_edge(scene: Scene, meeting: Meeting) -> Iterator[Part]:
+    """Yield the values on the edge of the higher member of a ``meeting``, each with its places on rims of the lower."""
+    members, number = members_of(scene.surface), meeting.higher
+    starts, _ = _first_loops(scene.surface, (number,))
 
     def holds(points: Floats, loop: int | None, conditions: ByPosition, part: int) -> Bools:
         own_loop = None if loop is None else loop - starts[number]
-        return np.asarray(is_on_edge(member, points, own_loop) & (conditions.part_at(points) == part))
+        is_reached = reaches_edge(members[meeting.lower], members[number], points, own_loop)
+        return np.asarray(is_reached & (conditions.part_at(points) == part))
 
     for loop, conditions in loops_of_edge(scene.edge).items():
         if loop is None or starts[number] <= loop < starts[number + 1]:
