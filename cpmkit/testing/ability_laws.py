@@ -133,7 +133,7 @@ def check_mesh_covers(subject: Subject, x: Floats) -> None:
         vertices, cells = subject.source.mesh(spacing)
         corners = vertices[cells[:, : subject.source.manifold_dim + 1]]
         longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
-        parts = int(np.ceil(longest / spacing))  # of each side; their corners are points of the mesh
+        parts = max(1, int(np.ceil(longest / spacing)))  # of each side; their corners are points of the mesh
         shares = np.array([each for each in product(range(parts + 1), repeat=corners.shape[1]) if sum(each) == parts])
         off = cKDTree(np.concatenate(shares / parts @ corners)).query(subject.feet(x).points)[0]
         require_rows(off <= COVERED_SPACINGS * spacing, x, "Off the mesh lies a foot by", off)

@@ -8,6 +8,6 @@ sphere = ck.source("analytic.sphere")
 scene = ck.Scene(sphere, ck.ScreenedPoisson("7*x*y"))
 points = sphere.closest_point(np.random.default_rng(0).normal(size=(1000, 3))).points
 for spacing in (0.4, 0.2, 0.1):
-    for backend in ("cpm", "fem"):
+    for name, backend in (("splines", "cpm"), ("finite elements", "fem")):
         error = ck.solve(scene, spacing, backend=backend).evaluate(points) - points[:, 0] * points[:, 1]
-        print(f"{backend}, spacing {spacing}: {np.abs(error).max():.1e}")
+        print(f"{name}, spacing {spacing}: {np.abs(error).max():.1e}")
