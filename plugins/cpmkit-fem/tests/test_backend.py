@@ -256,7 +256,7 @@ def test_boundaries_off_the_mesh_and_everywhere(octahedron):
     triangle = ck.source("mesh.triangles", vertices=np.eye(3), faces=[[0, 1, 2]])
     with pytest.raises(ck.ResolutionError, match="All 3 vertices"):
         ck.solve(ck.Scene(triangle, ck.Laplace(), edge=ck.Dirichlet(1.0)), backend="fem")
-    with pytest.raises(ck.SceneError, match="edge loop 0"):
+    with pytest.raises(ck.SceneError, match="has the loops 3, and the manifold's loops 0 are missing"):
         ck.solve(ck.Scene(triangle, ck.ScreenedPoisson(1.0), edge={3: ck.Neumann()}), backend="fem")
 
 
