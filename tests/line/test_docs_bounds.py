@@ -3,7 +3,7 @@
 import measure_docs as measure
 
 #: Words outside reference and tables, and of the list of changes, a tenth above what there are. Raise with a reason.
-WORDS, CHANGELOG_WORDS = 32_000, 2_700
+WORDS, CHANGELOG_WORDS = 31_500, 2_700
 #: Private words in prose, messages and docstrings, where they have their ordinary meaning.
 PRIVATE_WORDS = 5
 
