@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any, Protocol
 
-from cpmkit.errors import InputError, ResolutionError, shown
+from cpmkit.errors import InputError, ResolutionError, SceneError, shown
 from cpmkit.forms.collocation.options import CollocationOptions, refuse_removed
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.cost_model import CostModel
@@ -21,6 +21,7 @@ from cpmkit.runtime.deprecation import current_keywords
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import DeclaredOptions, Option, declared_options, either_option, split_options
 from cpmkit.scene.equations_in_time import Wave
+from cpmkit.scene.junction import Junction
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Progress
 
@@ -68,7 +69,7 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
 def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     """Return the name of the form that discretises a scene with the options ``given``, and in words the reason for it.
 
-    Raises InputError as :func:`form_named` does.
+    Raises InputError as :func:`form_named` does, and SceneError if the scene has laws of junctions that no form takes.
     """
     target = given.get("form", AUTO)
     named = form_named(target, given)
@@ -86,6 +87,8 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     if surface.manifold_dim in range(1, surface.dim):
         return "galerkin", "the default"
     reason = reason_against(scene, given)
+    if reason and scene.junctions != Junction():
+        raise SceneError(f"`junctions` hold in the form 'galerkin', which takes {reason}.")
     if reason:
         return "collocation", f"the form 'galerkin' takes {reason}"
     if surface.manifold_dim is None:

@@ -274,6 +274,9 @@ def test_what_no_law_covers_is_refused_and_left_to_collocation(members, sentence
     scene = ck.Scene(ck.source("union", members=members), ck.ScreenedPoisson(1.0))
     with pytest.raises(SceneError, match=sentence):
         ck.discretize(scene, 0.3, form="galerkin")
+    with_law = ck.Scene(scene.surface, scene.problem, junctions=ck.Junction(radius=0.05))
+    with pytest.raises(SceneError, match=f"`junctions` hold in the form 'galerkin', which takes .*{sentence}"):
+        ck.discretize(with_law, 0.3)
     form = ck.discretize(scene, 0.3)
     assert form.form == "collocation"
     assert sentence in form.describe()["form_reason"]
