@@ -157,7 +157,10 @@ def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
     form = solution.discretized
     options = lattice_options(form)
     if solution.estimated is False:
-        raise InputError("the error of this solution was not to be estimated, estimate=False; leave that out.")
+        raise InputError(
+            "this solution has no estimate, since it was made with estimate=False or is a part of one on a union; "
+            "leave that out, or read the error of the whole."
+        )
     if options is None:
         raise InputError(
             f"the error of a solution by {form.form!r} is estimated on a coarser lattice, and it has none; solve with "

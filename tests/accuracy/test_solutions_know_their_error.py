@@ -52,7 +52,7 @@ def test_a_loaded_solution_knows_it_too(tmp_path):
 
 
 def test_not_at_all():
-    with pytest.raises(ck.InputError, match="was not to be estimated"):
+    with pytest.raises(ck.InputError, match="has no estimate, since it was made with estimate=False"):
         _ = ck.solve(SCENE, 0.2, estimate=False).error
 
 

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cpmkit.errors import SceneError
+from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.data_checks import free_pieces
 from cpmkit.forms.form_records import StateDependentCoefficient
 from cpmkit.forms.galerkin.advection import Advection, convection_matrix, outward_speed
@@ -26,7 +26,7 @@ from cpmkit.scene.edge_conditions import EdgeLoopError
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Flux, Mixed, Spectral
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Bools, Floats, Side, SparseMatrix
+from cpmkit.types import Bools, Floats, Ints, Side, SparseMatrix
 
 #: Levels are made while k h of the level is at most the first number, 6.3 nodes a wavelength, and the first level while
 #: it is at most the second. On spheres and tori of 20 to 90 thousand unknowns iterations are 15 to 18 up to 1, as
@@ -128,6 +128,8 @@ class EquationAssembly:
     conditions: tuple[ImposedCondition, ...]
     #: Evaluates the coefficients at the samples; contains the samples and the function space.
     coefficients: SampleCoefficients = field(repr=False)
+    #: (k,): the samples on the edge that lie on other members of a union, which the flux there enters.
+    junction_edge: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False, kw_only=True)
 
     __getstate__ = state_without_cached
 
@@ -274,7 +276,8 @@ class EquationAssembly:
         their points (k, d). They follow from the residual of ``u`` (n, channels) in the weak form with data at
         ``time``; None if the eigenvalue is a factor of the flux, and for rims without samples, unless A is a tensor:
         then 0. For a tensor A, du/db is the derivative along A b / (b . A b), b the conormal outwards. Raises
-        InputError if ``side`` is not one of the boundary's, or there is no such loop.
+        InputError if ``side`` is not one of the boundary's, there is no such loop, or it lies on other members of a
+        union.
         """
         sampled, samples = self.coefficients.sampled, self.coefficients.sampled.boundary
         names = [boundary.name for boundary in self.coefficients.boundaries]
@@ -292,6 +295,11 @@ class EquationAssembly:
                     named = "its loops are {loops}" if numbers else "its source gives no loop a number"
                     raise EdgeLoopError(f"The edge has no loop {{loop}}; {named}.", boundary, (), numbers)
                 chosen[rows] = loops == boundary
+            if chosen.any() and chosen[self.junction_edge].sum() == chosen.sum():
+                raise InputError(
+                    "the edge lies on another member of the union, which its flux enters; in a steady problem from "
+                    "which nothing flows out elsewhere, it is the integral of c u - f over that member."
+                )
             if not chosen.any():  # nothing flows out of a rim without a condition
                 return np.zeros(u.shape[1]) if self.scene.has_tensor else None
         if where is not None:

@@ -213,16 +213,16 @@ class GalerkinUnion(UnionAssembly, Discretized):
             return part.form.flux(u[part.unknowns], boundary, side, time, where)
         if isinstance(boundary, int):
             part, loop = self._part_with_loop(boundary)
+            _check_not_junction([part], loop)
             try:
-                flux = part.form.flux(u[part.unknowns], loop, side, time, where)
+                return part.form.flux(u[part.unknowns], loop, side, time, where)
             except EdgeLoopError as error:
                 raise error.renumber((), partial(loop_of_union, self.scene.surface, part.numbers)) from None
-            _check_not_junction([part], loop)
-            return flux
-        found = [part.form.flux(u[part.unknowns], boundary, side, time, where) for part in self.parts]
+        _check_not_junction(self.parts, None)
+        open_parts = [part for part in self.parts if not _is_junction(part, None)]
+        found = [part.form.flux(u[part.unknowns], boundary, side, time, where) for part in open_parts]
         if any(conditions_with_law(form.conditions, Spectral) for form in self.forms):
             return None
-        _check_not_junction(self.parts, None)
         # nothing flows out of an edge without a condition
         return sum((each for each in found if each is not None), np.zeros(u.shape[1]))
 
@@ -310,15 +310,21 @@ class GalerkinUnion(UnionAssembly, Discretized):
 
 def _check_not_junction(parts: Iterable[UnionPart], loop: int | None) -> None:
     """Raise InputError if the edge of ``parts``, or its ``loop``, lies on other members alone: its flux enters them."""
-    edges = [(part, rows) for part in parts if len(rows := _edge_samples(part, loop))]
-    if not edges or not all(np.isin(rows, part.taken).all() for part, rows in edges):
+    edges = [part for part in parts if len(_edge_samples(part, loop))]
+    if not edges or not all(_is_junction(part, loop) for part in edges):
         return
-    part = edges[-1][0]
+    part = edges[-1]
     raise InputError(
         f"the edge of member {part.numbers[0]} is a junction, and its flux enters another member. In a steady problem "
         "from which nothing flows out elsewhere, it is the integral of c u - f over that member: "
         f"solution.integrate(lambda x, u: c * u - f, dim={part.dim - 1})."
     )
+
+
+def _is_junction(part: UnionPart, loop: int | None) -> bool:
+    """Return whether the edge of a ``part``, or its ``loop``, lies on other members alone."""
+    rows = _edge_samples(part, loop)
+    return len(rows) > 0 and bool(np.isin(rows, part.taken).all())
 
 
 def _edge_samples(part: UnionPart, loop: int | None) -> Ints:

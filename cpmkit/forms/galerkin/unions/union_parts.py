@@ -48,7 +48,7 @@ class UnionPart:
                     )
                 condition = replace(condition, sides=(rows,))
             kept += [condition] if len(rows) else []
-        return replace(self, form=replace(self.form, conditions=tuple(kept)))
+        return replace(self, form=replace(self.form, conditions=tuple(kept), junction_edge=self.taken))
 
     @property
     def dim(self) -> int:

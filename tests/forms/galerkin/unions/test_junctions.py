@@ -431,6 +431,8 @@ def test_the_flux_into_a_member_is_refused_with_the_integral_that_it_is():
     for edge in ("edge", 0):
         with pytest.raises(InputError, match=r"member 0 is a junction.*integral of c u - f.*dim=2\)"):
             solution.flux(edge)
+        with pytest.raises(InputError, match="lies on another member of the union, which its flux enters"):
+            solution.of_dimension(3).flux(edge)
     into = solution.integrate(lambda x, u: 0.5 * u, dim=2)
     assert into == pytest.approx(solution.integrate(lambda x, u: 1 - 0.1 * u, dim=3), rel=1e-6)
 
