@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
+from cpmkit.errors import InputError, place, shown
 from cpmkit.manifold.abilities import members_of
+from cpmkit.manifold.local_source import largest_dim
+from cpmkit.manifold.meetings import is_near
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.data import as_data, evaluate_data, reaction_rates, takes_time
@@ -60,7 +62,11 @@ class MemberData:
         return takes_time(list(self.values))
 
     def __call__(self, points: Floats, t: float | None = None) -> Floats:
-        """Return the data (n,) or (n, channels) at ``points`` (n, d): those of the member with the closest point."""
+        """Return the data (n,) or (n, channels) at ``points`` (n, d): those of the member with the closest point.
+
+        Raises InputError if several points lie in members of two dimensions whose data differ there: rounding would
+        choose.
+        """
         points = as_points(points, self.source.dim)
         number = self.member_at(points)
         columns = [
@@ -70,7 +76,24 @@ class MemberData:
         found = np.empty((len(points), max(each.shape[1] for each in columns)))
         for k, each in enumerate(columns):
             found[number == k] = each
+        self._check_one_value(points, number, found, t)
         return found if found.shape[1] > 1 else found[:, 0]
+
+    def _check_one_value(self, points: Floats, number: Ints, found: Floats, t: float | None) -> None:
+        """Raise InputError if several ``points`` lie in a member of another dimension too whose data differ."""
+        members = members_of(self.source)
+        dims = np.array([largest_dim(member) for member in members])
+        for k, value in enumerate(self.values if len({*dims}) > 1 else ()):
+            rows = np.flatnonzero(dims[number] != dims[k])
+            rows = rows[is_near(members[k], points[rows], self.source)]
+            differ = (evaluate_data(value, points[rows], None, f"data of member {k}", t) != found[rows]).any(axis=1)
+            if differ.sum() > 1:  # one point is evaluated to count channels
+                row = rows[differ.argmax()]
+                raise InputError(
+                    f"points such as {place(points[row])} lie in the members {number[row]} and {k} of the union, and "
+                    "data by member differ there; pass them themselves in place of a function that calls them, and "
+                    "in `integrate` write the value of the member."
+                )
 
     def member_at(self, points: Floats) -> Ints:
         """Return the number (n,) of the member with the closest point to each of ``points`` (n, d)."""

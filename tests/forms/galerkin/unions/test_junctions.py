@@ -433,6 +433,8 @@ def test_the_flux_into_a_member_is_refused_with_the_integral_that_it_is():
             solution.flux(edge)
         with pytest.raises(InputError, match="lies on another member of the union, which its flux enters"):
             solution.of_dimension(3).flux(edge)
+    with pytest.raises(InputError, match=r"lie in the members . and . of the union, and data by member differ there"):
+        solution.integrate(lambda x, u: c(x) * u - f(x), dim=2)
     into = solution.integrate(lambda x, u: 0.5 * u, dim=2)
     assert into == pytest.approx(solution.integrate(lambda x, u: 1 - 0.1 * u, dim=3), rel=1e-6)
 
