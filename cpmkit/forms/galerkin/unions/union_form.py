@@ -314,10 +314,13 @@ def _check_not_junction(parts: Iterable[UnionPart], loop: int | None) -> None:
     if not edges or not all(_is_junction(part, loop) for part in edges):
         return
     part = edges[-1]
+    edge = f"the edge of member {part.numbers[0]}" if len(part.numbers) == 1 else "this edge"
+    # a curve ends on a surface, others are the edge's own junction with a member of one dimension less
+    entered = 2 if part.dim == 1 else part.dim - 1
     raise InputError(
-        f"the edge of member {part.numbers[0]} is a junction, and its flux enters another member. In a steady problem "
-        "from which nothing flows out elsewhere, it is the integral of c u - f over that member: "
-        f"solution.integrate(lambda x, u: c * u - f, dim={part.dim - 1})."
+        f"{edge} is a junction, and its flux enters another member. In a steady problem from which nothing flows out "
+        "elsewhere, it is the integral of c u - f over that member: "
+        f"solution.integrate(lambda x, u: c * u - f, dim={entered})."
     )
 
 

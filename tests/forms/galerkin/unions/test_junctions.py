@@ -252,6 +252,8 @@ def test_fluxes_and_sides_are_those_of_the_members():
     edge, junctions = {1001: ck.Dirichlet(5.0)}, ck.Junction(radius=0.05)
     solution = ck.solve(ck.Scene(both, ck.Laplace(), boundaries, edge, junctions), 0.14)
     assert solution.flux(1001) == pytest.approx(2.0, rel=1e-6)
+    with pytest.raises(InputError, match=r"the edge of member 1 is a junction.*dim=2\)"):
+        solution.flux(1000)
     assert solution.flux("cut", "right") == pytest.approx(-2.0, rel=1e-6)
     np.testing.assert_allclose(solution.evaluate([[2.0, 0, 0]], side="both"), [[1.0, 3.0]], atol=1e-6)
     np.testing.assert_allclose(solution.evaluate([[0.8, 0, 0.6]], side="both"), [[0.0, 0.5]], atol=1e-3)
