@@ -119,7 +119,8 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
         if takes_time(data) and time is None:
             raise InputError(f"{label} depends on t, and the problem has no time; use Heat or Wave.")
         try:
-            result = np.asarray(data(points, t=time) if takes_time(data) else data(points))
+            function = getattr(data, "nearest_values", data)  # of data by member, without a check
+            result = np.asarray(function(points, t=time) if takes_time(data) else function(points))
             if result.dtype.kind not in "biufO":  # text, or complex numbers
                 raise TypeError(f"got an array of {result.dtype}")
             values = result.astype(np.float64)

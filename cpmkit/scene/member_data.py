@@ -68,6 +68,12 @@ class MemberData:
         choose.
         """
         points = as_points(points, self.source.dim)
+        found = self.nearest_values(points, t)
+        self._check_one_value(points, self.member_at(points), found.reshape(len(points), -1), t)
+        return found
+
+    def nearest_values(self, points: Floats, t: float | None = None) -> Floats:
+        """Return the data (n,) or (n, channels) of the member with the closest point to each of ``points`` (n, d)."""
         number = self.member_at(points)
         columns = [
             evaluate_data(value, points[number == k], None, f"data of member {k}", t)
@@ -76,7 +82,6 @@ class MemberData:
         found = np.empty((len(points), max(each.shape[1] for each in columns)))
         for k, each in enumerate(columns):
             found[number == k] = each
-        self._check_one_value(points, number, found, t)
         return found if found.shape[1] > 1 else found[:, 0]
 
     def _check_one_value(self, points: Floats, number: Ints, found: Floats, t: float | None) -> None:
