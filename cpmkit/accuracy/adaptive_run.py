@@ -175,7 +175,7 @@ class AdaptiveRun:
         and in a recipe, they stay.
         """
         problem: Any = self.scene.problem
-        if problem.family != "time" or self.is_recipe:
+        if not self.has_own_steps:
             return False
         coarse = [solve for solve in self.solves if self._has_scene_steps(solve)][-2:][0].solution
         same = {"origin": coarse.discretization()["origin"]}  # on another lattice errors in space would count
@@ -189,6 +189,11 @@ class AdaptiveRun:
         self.scene = replace(self.scene, problem=replace(problem, step=problem.step / parts))
         self.in_time = self.in_time / parts**order
         return True
+
+    @property
+    def has_own_steps(self) -> bool:
+        """Whether the scene has steps in time that the run may shorten; those of a recipe are the user's."""
+        return self.scene.problem.family == "time" and not self.is_recipe
 
     @property
     def step_error(self) -> float:

@@ -60,15 +60,8 @@ def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
         run.solve("pilot", run.last.spacing / _first_factor(run))
         check_memory(run)
         _refine_spacing(run)
-        # Coarse lattices smooth what moves, and errors of steps were too small there; long steps are all as wrong.
-        for _ in range(MOST_SHORTENED if tolerance else 0):
-            here = run.last.spacing
-            if run.shorten_steps():
-                run.solve("companion", BEST_RATIO * here)
-                run.solve("correction", here)
-            elif _is_accepted(run, _reachable_tolerance(run)):
-                break
-            _refine_spacing(run)
+        if tolerance and run.has_own_steps:
+            _settle_steps(run)
     except (CpmkitError, MemoryError) as error:
         run.failure = error
     check_memory(run)
@@ -128,6 +121,22 @@ def _refine_spacing(run: AdaptiveRun) -> None:
             break
         answers += 1
         run.solve("answer" if answers == 1 else "correction", goal, start + slope * growth.count_at(goal))
+
+
+def _settle_steps(run: AdaptiveRun) -> None:
+    """Shorten the steps in time and append solves until both are within the tolerance, or no solve improves them.
+
+    Coarse lattices smooth what moves, so that errors of steps were too small there, and errors of long steps are all
+    alike. Raises CpmkitError or MemoryError as a solve does.
+    """
+    for _ in range(MOST_SHORTENED):
+        here, count = run.last.spacing, len(run.solves)
+        if run.shorten_steps():
+            run.solve("companion", BEST_RATIO * here)
+            run.solve("correction", here)
+        _refine_spacing(run)
+        if len(run.solves) == count:
+            return
 
 
 def answers_used_up(run: AdaptiveRun) -> bool:

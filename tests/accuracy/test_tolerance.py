@@ -125,6 +125,16 @@ def test_steps_in_time_are_shortened_and_count():
     assert solution.error.in_time > 0.5 * trade.error  # the spacing is no matter here
 
 
+@pytest.mark.parametrize("problem", [ck.ScreenedPoisson("x"), ck.Heat("x", until=0.5, step=0.1)])
+def test_a_search_that_never_ends_well_ends(problem, monkeypatch):
+    """A steady scene has three answers; one with steps may have more, as they are shortened five times at most."""
+    monkeypatch.setattr("cpmkit.accuracy.spacing_search._is_accepted", lambda run, aim: False)
+    solution = ck.solve(ck.Scene(CIRCLE, problem), tolerance=1e-2)
+    answers = [step for step in solution.solve_history.steps if step.purpose in ("answer", "correction")]
+    assert solution.solve_history.status == "not reached"
+    assert len(answers) <= (3 if problem.family == "steady" else 20)
+
+
 @pytest.mark.parametrize("norm", ["rms", "max"])
 @pytest.mark.parametrize("step", [0.015, 0.24])
 def test_steps_are_shortened_for_a_bump_that_coarse_lattices_do_not_resolve(step, norm):
