@@ -68,13 +68,17 @@ class MemberData:
         choose.
         """
         points = as_points(points, self.source.dim)
-        found = self.nearest_values(points, t)
-        self._check_one_value(points, self.member_at(points), found.reshape(len(points), -1), t)
+        number = self.member_at(points)
+        found = self._values_of(number, points, t)
+        self._check_one_value(points, number, found.reshape(len(points), -1), t)
         return found
 
     def nearest_values(self, points: Floats, t: float | None = None) -> Floats:
         """Return the data (n,) or (n, channels) of the member with the closest point to each of ``points`` (n, d)."""
-        number = self.member_at(points)
+        return self._values_of(self.member_at(points), points, t)
+
+    def _values_of(self, number: Ints, points: Floats, t: float | None) -> Floats:
+        """Return the data (n,) or (n, channels) of the members ``number`` (n,) at ``points`` (n, d)."""
         columns = [
             evaluate_data(value, points[number == k], None, f"data of member {k}", t)
             for k, value in enumerate(self.values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -124,8 +125,6 @@ def check_mesh(subject: Subject) -> None:
 @law("near", abilities.HasMesh, together=True)
 def check_mesh_covers(subject: Subject, x: Floats) -> None:
     """The mesh covers a curve or surface: it has a point within a spacing or so of each foot."""
-    from itertools import product
-
     from scipy.spatial import cKDTree
 
     if subject.source.manifold_dim in (1, 2):

@@ -74,12 +74,12 @@ def disc_rule(radius: Floats, spacing: float) -> tuple[Floats, Floats, Floats]:
     return size[:, None] * np.sqrt(t), (alpha[:, None] + beta[:, None] * t) * weights / 4, log
 
 
-def mean_over_discs(form: Galerkin, at: Floats, frames: Floats, radius: Floats) -> SparseMatrix:
+def mean_over_discs(form: Galerkin, at: Floats, frames: Floats, radius: Floats) -> tuple[SparseMatrix, Floats]:
     """Return the matrix (k, n) of m(u) at points ``at`` (k, d) of curves of ``radius`` (k,) on a surface or in a solid.
 
-    ``frames`` (k, 2, d) are orthonormal and span the planes of the discs. On a surface the points of a circle have the
-    distance of its radius in space. Where a disc leaves a solid, its closest points on the solid count. Raises
-    SceneError if a disc leaves the surface.
+    Also L - log r (k,). ``frames`` (k, 2, d) are orthonormal and span the planes of the discs. On a surface the points
+    of a circle have the distance of its radius in space. Where a disc leaves a solid, its closest points on the solid
+    count. Raises SceneError if a disc leaves the surface.
     """
     from scipy.sparse import csr_array
 
@@ -87,12 +87,13 @@ def mean_over_discs(form: Galerkin, at: Floats, frames: Floats, radius: Floats) 
     around = np.cos(angles)[:, None] * frames[:, :1] + np.sin(angles)[:, None] * frames[:, 1:]
     is_solid = form.scene.surface.manifold_dim == at.shape[1]
     total = csr_array((len(at), form.size))
-    for p, weight in zip(*(each.T for each in disc_rule(radius, form.spacing)[:2]), strict=True):
+    radii, weights, log = disc_rule(radius, form.spacing)
+    for p, weight in zip(radii.T, weights.T, strict=True):
         offset = around
-        for _ in range(2):  # the second time the chords have the length of the radius
+        for _ in range(1 if is_solid else 2):  # the second time the chords have the length of the radius
             points = at[:, None] + p[:, None, None] * offset
             feet = form.scene.surface.closest_point(points.reshape(-1, at.shape[1]))
-            offset = offset if is_solid else unit(feet.points.reshape(points.shape) - at[:, None])
+            offset = unit(feet.points.reshape(points.shape) - at[:, None])
         past = np.flatnonzero(feet.edge >= 0)
         if len(past) and not is_solid:
             raise SceneError(
@@ -103,7 +104,7 @@ def mean_over_discs(form: Galerkin, at: Floats, frames: Floats, radius: Floats) 
         starts = np.arange(0, rows.shape[0] + 1, CIRCLE_POINTS)
         shares = np.repeat(weight / CIRCLE_POINTS, CIRCLE_POINTS), np.arange(rows.shape[0]), starts
         total = total + csr_array(shares, shape=(len(at), rows.shape[0])) @ rows
-    return total.tocsr()
+    return total.tocsr(), log - np.log(radius)
 
 
 def nearest_samples(form: Galerkin, at: Floats) -> Ints:
@@ -149,10 +150,10 @@ def _contact_at_points(scene: Scene, surface: Galerkin, curve: Galerkin, meeting
     """Return the contact of curves and surfaces that meet at the points of ``meetings``."""
     at, resistance, radius = _distinct_places(scene, meetings)
     nearest = nearest_samples(surface, at)
-    mean = mean_over_discs(surface, at, normal_frames(surface.sampled.samples.normals_at(nearest)[:, 0]), radius)
+    frames = normal_frames(surface.sampled.samples.normals_at(nearest)[:, 0])
+    mean, spread = mean_over_discs(surface, at, frames, radius)
     sides = [curve.evaluation_matrix(at, side) for side in ("left", "right")] if curve.scene.boundaries else None
     lower = curve.evaluation_matrix(at) if sides is None else (0.5 * (sides[0] + sides[1])).tocsr()
-    spread = disc_rule(radius, surface.spacing)[2] - np.log(radius)
     lips = _lips_at(curve, at, touching_distance(scene.surface))
     return DiscContact(mean, lower, nearest, resistance, spread, np.ones(len(at)), lips)
 
@@ -167,8 +168,7 @@ def _contact_along_curves(scene: Scene, solid: Galerkin, curves: UnionPart, meet
     member = np.asarray(curves.numbers)[np.zeros(len(form.points), dtype=np.int64) if element is None else element]
     rows = np.flatnonzero(np.isfinite(laws[0, member]))
     at, (resistances, radius) = form.points[rows], laws[:, member[rows]]
-    mean = mean_over_discs(solid, at, form.sampled.samples.normals_at(rows), radius)
-    spread = disc_rule(radius, solid.spacing)[2] - np.log(radius)
+    mean, spread = mean_over_discs(solid, at, form.sampled.samples.normals_at(rows), radius)
     weights = form.point_weights[rows]
     return DiscContact(mean, form.evaluation_matrix(at), nearest_samples(solid, at), resistances, spread, weights)
 
@@ -177,21 +177,23 @@ def near_boundary_warnings(scene: Scene, solid: Galerkin) -> tuple[str, ...]:
     """Return a warning if a curve in a ``solid`` runs within a spacing of its boundary, else ()."""
     from scipy.spatial import cKDTree
 
+    inside = [meeting for meeting in meetings_of(scene.surface) if meeting.how == "inside"]
+    if not inside:
+        return ()
     samples, lattice = solid.sampled.boundary, solid.sampled.lattice
     tree = cKDTree(lattice.to_scene(samples.points[samples.on_rim]))
-    for meeting in meetings_of(scene.surface):
-        if meeting.how == "inside":
-            at = meeting.places
-            near = tree.query(at)[0] < lattice.spacing
-            for end in edges_near(members_of(scene.surface)[meeting.lower], at).values():
-                is_far = norms(at - end[0]) > ENDS_SPACINGS * lattice.spacing
-                near &= is_far | (tree.query(end[0])[0] > lattice.spacing)
-            if near.any():
-                return (
-                    f"Member {meeting.lower} of the union runs within a spacing of the boundary of member "
-                    f"{meeting.higher} near {place(at[near.argmax()])}, and what flows between them there is off by "
-                    "some percent; use a smaller spacing, or move it inside.",
-                )
+    for meeting in inside:
+        at = meeting.places
+        near = tree.query(at)[0] < lattice.spacing
+        for end in edges_near(members_of(scene.surface)[meeting.lower], at).values():
+            is_far = norms(at - end[0]) > ENDS_SPACINGS * lattice.spacing
+            near &= is_far | (tree.query(end[0])[0] > lattice.spacing)
+        if near.any():
+            return (
+                f"Member {meeting.lower} of the union runs within a spacing of the boundary of member "
+                f"{meeting.higher} near {place(at[near.argmax()])}, and what flows between them there is off by "
+                "some percent; use a smaller spacing, or move it inside.",
+            )
     return ()
 
 

@@ -49,13 +49,12 @@ def discretize_union(
             given = scene.edge if isinstance(scene.edge, Mapping) else ()
             raise error.renumber(given, partial(loop_of_union, scene.surface, numbers)) from None
         unknowns, points = (parts[-1].unknowns.stop, parts[-1].points.stop) if parts else (0, 0)
-        taken = _taken_edge(scene, numbers, form)
+        form = replace(form, junction_edge=_taken_edge(scene, numbers, form))
         part = UnionPart(
             numbers,
             form,
             slice(unknowns, unknowns + form.size),
             slice(points, points + form.sampled.interior),
-            taken,
             is_closed,
         )
         parts.append(part.without_taken_edge())

@@ -26,7 +26,6 @@ class UnionPart:
     form: Galerkin  #: The form of the scene on them.
     unknowns: slice  #: Their unknowns among those of the union.
     points: slice  #: Their samples among those of the union.
-    taken: Ints  #: (k,): the samples on their edge that lie on other members.
     is_closed: bool  #: Whether they have no edge, so that the scene's conditions there are those of other members.
 
     def with_scene(self, scene: Scene) -> UnionPart:
@@ -48,7 +47,12 @@ class UnionPart:
                     )
                 condition = replace(condition, sides=(rows,))
             kept += [condition] if len(rows) else []
-        return replace(self, form=replace(self.form, conditions=tuple(kept), junction_edge=self.taken))
+        return replace(self, form=replace(self.form, conditions=tuple(kept)))
+
+    @property
+    def taken(self) -> Ints:
+        """(k,) the samples on their edge that lie on other members."""
+        return self.form.junction_edge
 
     @property
     def dim(self) -> int:
