@@ -21,7 +21,7 @@ from cpmkit.runtime.deprecation import current_keywords
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import DeclaredOptions, Option, declared_options, either_option, split_options
 from cpmkit.scene.equations_in_time import Wave
-from cpmkit.scene.junction import Junction
+from cpmkit.scene.junction import Junction, unsupported_junction
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Progress
 
@@ -69,7 +69,8 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
 def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     """Return the name of the form that discretises a scene with the options ``given``, and in words the reason for it.
 
-    Raises InputError as :func:`form_named` does, and SceneError if the scene has laws of junctions that no form takes.
+    Raises InputError as :func:`form_named` does, and SceneError if the scene has junctions that only collocation takes,
+    or laws of junctions that no form takes.
     """
     target = given.get("form", AUTO)
     named = form_named(target, given)
@@ -87,6 +88,11 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     if surface.manifold_dim in range(1, surface.dim):
         return "galerkin", "the default"
     reason = reason_against(scene, given)
+    if reason and unsupported_junction(surface):
+        raise SceneError(
+            f"{unsupported_junction(surface)}; form='collocation' takes it, and what flows there depends on the "
+            "spacing."
+        )
     if reason and scene.junctions != Junction():
         raise SceneError(f"`junctions` hold in the form 'galerkin', which takes {reason}.")
     if reason:

@@ -39,7 +39,8 @@ class Meeting:
     #: points. "in part": a part of the lower member lies on the other, or in it. "within": it lies in a solid and
     #: divides it. "inside": it is a curve in a solid in space.
     how: Literal["along", "points", "in part", "within", "inside"]
-    places: Floats  #: (k, d): points where they meet; for "points" all of them.
+    #: (k, d): points where they meet, for "points" all of them; for "in part" a point where the lower one leaves.
+    places: Floats
 
 
 #: The meetings of unions in use: to find them takes some thousand closest points.
@@ -65,19 +66,27 @@ def _meeting(surface: ClosestPointSource, lower: int, higher: int) -> Meeting | 
         inside = is_near(of_higher, around, surface).reshape(len(x), -1).all(axis=1)
         if inside.any():
             if not on.all():
-                return Meeting(lower, higher, "in part", x[inside])
+                return Meeting(lower, higher, "in part", _where_it_leaves(x, on))
             divides = largest_dim(of_lower) == of_higher.dim - 1
             return Meeting(lower, higher, "within" if divides else "inside", x)
     if on.all():
         return Meeting(lower, higher, "along", x)
     if on.sum() > max(PART_SHARE * len(x), 2):
-        return Meeting(lower, higher, "in part", x[on])
+        return Meeting(lower, higher, "in part", _where_it_leaves(x, on))
     if step:
         places = _crossings(of_lower, of_higher, x, step, touching)
     else:
         gap, places = approaches(of_lower, of_higher, touching, touching)
         places = places if gap == 0 else places[:0]
     return Meeting(lower, higher, "points", _at_ends(of_lower, places, touching)) if len(places) else None
+
+
+def _where_it_leaves(samples: Floats, on: Bools) -> Floats:
+    """Return the sample (1, d) off another member that is nearest to those ``on`` it (n,), of ``samples`` (n, d)."""
+    from scipy.spatial import cKDTree
+
+    off = samples[~on]
+    return off[[int(cKDTree(samples[on]).query(off)[0].argmin())]]
 
 
 def samples_of(source: ClosestPointSource) -> tuple[Floats, float]:

@@ -156,7 +156,7 @@ def unsupported_junction(surface: ClosestPointSource) -> str:
         pair = f"{_pair_in_words(surface, meeting)} "
         near = f"near {place(meeting.places[0])}"
         if meeting.how == "in part":
-            return f"{pair}coincide in part only, {near}: divide the first where it leaves the second"
+            return f"{pair}coincide in part only: divide the first where it leaves the second, {near}"
         if meeting.how == "along" and dims[0] + 1 != dims[1]:
             return f"{pair}meet along a curve, {near}, where u has no limit in a solid"
         if meeting.how == "points" and (dims != [1, 2] or surface.dim == 2):
@@ -165,8 +165,18 @@ def unsupported_junction(surface: ClosestPointSource) -> str:
 
 
 def check_radii(surface: ClosestPointSource, junctions: Junctions) -> None:
-    """Raise SceneError if a curve meets a surface at a point of a union, and ``junctions`` have no radius of it."""
-    for meeting in meetings_of(surface):
+    """Raise SceneError if a curve meets a surface at a point of a union, and ``junctions`` have no radius of it.
+
+    Also if one law has a radius, and the union has no junction for it.
+    """
+    meetings = meetings_of(surface)
+    has_place = any(meeting.how in ("points", "inside") for meeting in meetings)
+    if isinstance(junctions, Junction) and junctions.radius is not None and not has_place:
+        raise SceneError(
+            f"the radius of a junction is that of a curve that meets a surface at a point or lies in a solid in space, "
+            f"got {junctions.radius:g} where no member does so; leave it out."
+        )
+    for meeting in meetings:
         law = junction_of(junctions, meeting.lower, meeting.higher)
         if meeting.how in ("points", "inside") and law.radius is None:
             where = f"at a point, near {place(meeting.places[0])}" if meeting.how == "points" else "along the curve"

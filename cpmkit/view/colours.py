@@ -129,8 +129,12 @@ def _draw_bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
 
     figure = _pixel_figure(rows, columns)
     column = figure.add_axes((0.1, 0.12, 0.12 if bar.label else 0.16, 0.76))
-    figure.colorbar(ScalarMappable(Normalize(*bar.ends), ListedColormap(bar.table)), cax=column)
-    column.tick_params(labelsize=letters)
+    drawn = figure.colorbar(ScalarMappable(Normalize(*bar.ends), ListedColormap(bar.table)), cax=column)
+    drawn.formatter.set_useOffset(False)  # a common summand would be larger than the column
+    drawn.update_ticks()
+    longest = max(len(label.get_text()) for label in column.get_yticklabels())
+    size = min(letters, 0.65 * columns / (LETTER_BREADTH * max(longest, 1)))
+    column.tick_params(labelsize=size)
     column.yaxis.get_offset_text().set_fontsize(letters)
     if bar.label:
         column.set_ylabel(bar.label, fontsize=min(1.1 * letters, rows / (LETTER_BREADTH * len(bar.label))))

@@ -178,20 +178,15 @@ class Advection:
         _add_terms(space, self.velocity, self.upwinding, data, advection, self.a, self.gradient_of_a, self.c)
         return space.matrix(data)
 
-    def upwinded_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
-        """Return multigrid ``levels`` with the upwinding that their spacings need, for ``share`` times these terms.
+    def upwinding_matrix(self, share: float) -> SparseMatrix:
+        """Return ``share`` times the upwinding (n, n) that the first coarser level of multigrid needs.
 
-        The tau added on the first of them is h / (2 |v|) at any cell number, and it doubles from level to level.
+        Its tau is h / (2 |v|) at any cell number.
         """
         data = np.zeros(len(self.space.indices))
         times = upwinding_times(np.linalg.norm(self.velocity, axis=1), np.zeros(1), self.space.dof_map.spacing)
         _add_terms(self.space, self.velocity, share * times, data)
-        added, upwinded = self.space.matrix(data), []
-        for level in levels:
-            added = (level.prolongation.T @ added @ level.prolongation).tocsr()
-            upwinded.append(replace(level, added=added))
-            added = 2.0 * added
-        return upwinded
+        return self.space.matrix(data)
 
     def add_load(self, f: Floats, load: Floats) -> None:
         """Add the integrals of tau (v . grad phi) f to ``load`` (n, channels), in place; f (p, channels) at samples."""
@@ -199,6 +194,36 @@ class Advection:
             field = self.upwinding[: len(f), None] * self.velocity[: len(f)]
             for channel in range(load.shape[1]):
                 load[:, channel] += gradient_load(self.space, f[:, [channel]] * field)
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedAdvection:
+    """The terms of an equation with a velocity on the parts of a union, whose unknowns follow one another."""
+
+    parts: tuple[Advection, ...]
+    conservative: bool  #: Whether the equation has div(v u) in place of v . grad u.
+
+    def upwinding_matrix(self, share: float) -> SparseMatrix:
+        """Return ``share`` times the upwinding (n, n) that the first coarser level of multigrid needs."""
+        from scipy.sparse import block_diag
+
+        return block_diag([part.upwinding_matrix(share) for part in self.parts], format="csr")
+
+
+def join_advections(parts: Sequence[Any]) -> JoinedAdvection | None:
+    """Return the terms of a velocity on the ``parts`` of a union; None if the equation has no velocity."""
+    found = tuple(part for part in parts if part is not None)
+    return JoinedAdvection(found, found[0].conservative) if found else None
+
+
+def upwinded_levels(levels: Sequence[Level], added: SparseMatrix) -> list[Level]:
+    """Return multigrid ``levels`` with upwinding: ``added`` (n, n) for the first of them, doubled for each further."""
+    upwinded = []
+    for level in levels:
+        added = (level.prolongation.T @ added @ level.prolongation).tocsr()
+        upwinded.append(replace(level, added=added))
+        added = 2.0 * added
+    return upwinded
 
 
 def _add_terms(
@@ -250,6 +275,8 @@ def tangential_velocity(velocity: VectorField, points: Floats, normals: Floats, 
     Points are relative to the lattice's origin. Raises InputError if the velocity does not have d components.
     """
     v = evaluate_data(velocity, lattice.to_scene(points), None, "the velocity")
+    if not v.any():  # also the number 0, for a member of a union
+        return np.zeros_like(points)
     if v.shape[1] != points.shape[1]:
         raise InputError(f"the velocity must be vectors of shape (n, {points.shape[1]}), got (n, {v.shape[1]}).")
     normal_part = np.einsum("qd,qcd->qc", v, normals)

@@ -13,7 +13,13 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.data_checks import free_pieces
 from cpmkit.forms.form_records import StateDependentCoefficient
-from cpmkit.forms.galerkin.advection import Advection, convection_matrix, outward_speed
+from cpmkit.forms.galerkin.advection import (
+    Advection,
+    JoinedAdvection,
+    convection_matrix,
+    outward_speed,
+    upwinded_levels,
+)
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, conditions_with_law, rim_loops
@@ -44,7 +50,7 @@ class GalerkinOperator(CsrOperator):
     #: least, lowest: The smallest diffusivity a, and the smallest c.
     least: float = 1.0
     lowest: float = 0.0
-    advection: Advection | None = None  #: The terms of a velocity.
+    advection: Advection | JoinedAdvection | None = None  #: The terms of a velocity.
     #: The factor of the advection in this operator, which may be the sum of a mass and a multiple of A.
     share: float = 1.0
 
@@ -78,7 +84,7 @@ class GalerkinOperator(CsrOperator):
         Without waves all are returned, and with a velocity all with the upwinding that they need.
         """
         if self.advection is not None:
-            return self.advection.upwinded_levels(levels, self.share)
+            return upwinded_levels(levels, self.advection.upwinding_matrix(self.share))
         if not self.waves:
             return levels
         radians = [self.waves**0.5 * spacing * 2 ** (number + 1) for number in range(len(levels))]
@@ -315,12 +321,21 @@ class EquationAssembly:
         Raises SceneError if a conservative velocity leaves another function undetermined.
         """
         space = self.coefficients.space
-        if stiffness.advection is not None and stiffness.advection.conservative:
-            transposed = CsrOperator(stiffness.to_csr().T.tocsr())
-            if free_pieces(transposed, lambda: space.mass, space.spline_count) is not None:
-                raise SceneError(
-                    "Nothing fixes the size of the solution on a piece of the manifold: a conservative velocity "
-                    "carries nothing out of it, and c is zero there; give c above zero, or a value somewhere."
-                )
-            return None
-        return None if stiffness.fixed else free_pieces(stiffness, lambda: space.mass, space.spline_count)
+        return free_constants_of(stiffness, lambda: space.mass, space.spline_count)
+
+
+def free_constants_of(stiffness: Any, mass: Callable[[], Operator], count: int) -> Border | None:
+    """Return the pieces where constants solve A u = 0, and means over them; None if there are none.
+
+    The first ``count`` unknowns are coefficients of splines. Raises SceneError if a conservative velocity leaves
+    another function undetermined.
+    """
+    if stiffness.advection is not None and stiffness.advection.conservative:
+        transposed = CsrOperator(stiffness.to_csr().T.tocsr())
+        if free_pieces(transposed, mass, count) is not None:
+            raise SceneError(
+                "Nothing fixes the size of the solution on a piece of the manifold: a conservative velocity "
+                "carries nothing out of it, and c is zero there; give c above zero, or a value somewhere."
+            )
+        return None
+    return None if stiffness.fixed else free_pieces(stiffness, mass, count)

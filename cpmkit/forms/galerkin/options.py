@@ -176,7 +176,6 @@ def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
         "curves in a plane solid, or surfaces in one in space, as boundaries inside": any(
             not oriented.has_sides for oriented in inside
         ),
-        "no velocity on unions of several dimensions": len(dims) > 1 and scene.problem.terms().velocity is not None,
         "no second Laplacian on unions of several dimensions": len(dims) > 1 and scene.problem.family == "biharmonic",
     }
     junction = unsupported_junction(surface)

@@ -154,8 +154,9 @@ def _contact_at_points(scene: Scene, surface: Galerkin, curve: Galerkin, meeting
     mean, spread = mean_over_discs(surface, at, frames, radius)
     sides = [curve.evaluation_matrix(at, side) for side in ("left", "right")] if curve.scene.boundaries else None
     lower = curve.evaluation_matrix(at) if sides is None else (0.5 * (sides[0] + sides[1])).tocsr()
-    lips = _lips_at(curve, at, touching_distance(scene.surface))
-    return DiscContact(mean, lower, nearest, resistance, spread, np.ones(len(at)), lips)
+    touching = touching_distance(scene.surface)
+    lips, branches = _lips_at(curve, at, touching), _branches_at(curve, at, touching)
+    return DiscContact(mean, lower, nearest, resistance, spread, np.ones(len(at)), lips, branches)
 
 
 def _contact_along_curves(scene: Scene, solid: Galerkin, curves: UnionPart, meetings: Sequence[Meeting]) -> DiscContact:
@@ -205,3 +206,9 @@ def _lips_at(curve: Galerkin, at: Floats, touching: float) -> list[tuple[int, In
             near = norms(at - points[lips[0]])
             found += [(int(np.argmin(near)), lips)] if near.min() <= 100 * touching else []
     return found
+
+
+def _branches_at(curve: Galerkin, at: Floats, touching: float) -> list[Ints]:
+    """Return for each of the points ``at`` (k, d) the samples at which branches of the curves end there."""
+    points = curve.sampled.lattice.to_scene(curve.sampled.boundary.points)
+    return [np.flatnonzero(norms(points - one) <= 100 * touching) for one in at]

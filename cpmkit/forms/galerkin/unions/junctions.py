@@ -18,6 +18,11 @@ m is the mean over this circle, up to terms of order s^4. The curve's value v is
 of its own potential is that at the distance exp(L), ``L = 2 int f F log(distance) dt`` with F the integral of f from 0
 to t. ``R' = R + (L - log r) / (2 pi a)`` adds the resistance between r and exp(L). A density that the lattice resolves
 makes this independent of the position of its nodes; sources on a single circle do not.
+
+A velocity w flows out of u through a junction at the speed ``w . b``. Where it flows in, u is that of the junction:
+``s max(-w . b, 0) (u - v) u'`` is added, as where a value is given, unless a resistance lets u jump. In conservative
+form, what w carries out of u enters v, and what it carries into u leaves v; likewise m(u) and the value at the end of
+a curve that meets a surface.
 """
 
 from __future__ import annotations
@@ -60,6 +65,7 @@ class DiscContact:
     weights: Floats  #: (k,): lengths of the curve, 1 where it meets a surface.
     #: The number of each point at which ends of curves are tied, and the samples of its lips.
     lips: Sequence[tuple[int, Ints]] = ()
+    branches: Sequence[Ints] = ()  #: The samples of the curves' branches at each point where they meet a surface.
 
 
 def contact_blocks(terms: ConditionTerms, contact: Contact) -> tuple[SparseMatrix, SparseMatrix, SparseMatrix]:
@@ -74,6 +80,33 @@ def contact_blocks(terms: ConditionTerms, contact: Contact) -> tuple[SparseMatri
     return upper, across, _weighted_squares(contact.lower, factors[:, 0, 0])
 
 
+def advection_blocks(
+    terms: ConditionTerms, contact: Contact, conservative: bool
+) -> tuple[SparseMatrix, SparseMatrix, SparseMatrix, SparseMatrix]:
+    """Return what a velocity adds at a ``contact`` to the blocks (n, n), (n, m), (m, n) and (m, m) of u and v.
+
+    ``terms`` are those of higher dimension, ``conservative`` is whether the equation has div(w u).
+    """
+    assert terms.outward_speed is not None
+    upper, lower = terms.values[contact.rows], contact.lower
+    speed = terms.samples.weights[contact.rows] * terms.outward_speed[contact.rows]
+    inflow = np.where(contact.resistance == 0, np.maximum(-speed, 0.0), 0.0)
+    entering, leaving = conservative * (speed + inflow), conservative * inflow
+    return (
+        _product(upper, inflow, upper),
+        _product(upper, -inflow, lower),
+        _product(lower, -entering, upper),
+        _product(lower, leaving, lower),
+    )
+
+
+def _product(tested: SparseMatrix, weights: Floats, read: SparseMatrix) -> SparseMatrix:
+    """Return ``tested' diag(weights) read`` (n, m) from matrices (k, n) and (k, m)."""
+    from scipy.sparse import diags_array
+
+    return (tested.T @ diags_array(weights) @ read).tocsr()
+
+
 def _weighted_squares(rows: SparseMatrix, weights: Floats) -> SparseMatrix:
     """Return ``rows' diag(weights) rows`` (m, m), symmetric to the last bit, from rows (k, m) and weights (k,)."""
     from scipy.sparse import diags_array
@@ -83,13 +116,14 @@ def _weighted_squares(rows: SparseMatrix, weights: Floats) -> SparseMatrix:
 
 
 def disc_contact_blocks(
-    contact: DiscContact, a: Floats, terms: ConditionTerms
-) -> tuple[SparseMatrix, SparseMatrix, SparseMatrix]:
-    """Return the blocks (n, n), (n, m), (m, m) that a contact adds; ``a`` (k,) is the diffusivity around the points.
+    contact: DiscContact, a: Floats, terms: ConditionTerms, conservative: bool
+) -> tuple[SparseMatrix, SparseMatrix, SparseMatrix, SparseMatrix]:
+    """Return the blocks (n, n), (n, m), (m, n) and (m, m) that a contact adds, where u and v have n and m unknowns.
 
-    Where ends of curves are tied, v is the value that the tie eliminates, ``m(v) - sum q_k / sum G_k``, and 1 / sum G_k
-    is added to the resistance (see "Ties" in :mod:`cpmkit.forms.galerkin.conditions.nitsche`): what flows into the
-    surface is then no imbalance of the tie. ``terms`` are the conditions of the curves.
+    ``a`` (k,) is the diffusivity around the points, ``terms`` are the conditions of the curves, ``conservative`` is
+    whether the equation has div(w u). Where ends of curves are tied, v is the value that the tie eliminates,
+    ``m(v) - sum q_k / sum G_k``, and 1 / sum G_k is added to the resistance (see "Ties" in
+    :mod:`cpmkit.forms.galerkin.conditions.nitsche`): what flows into the surface is then no imbalance of the tie.
     """
     from scipy.sparse import diags_array, vstack
 
@@ -100,5 +134,32 @@ def disc_contact_blocks(
         lower = vstack([lower[:k], terms.linear_forms(factors, *lips[:, None]), lower[k + 1 :]], format="csr")
         resistance[k] += 1 / stiffness.sum()
     weights = contact.weights / resistance
+    upper, below = _weighted_squares(contact.mean, weights), _weighted_squares(lower, weights)
     across = -(contact.mean.T @ diags_array(weights) @ lower).tocsr()
-    return _weighted_squares(contact.mean, weights), across, _weighted_squares(lower, weights)
+    if not conservative or not len(contact.branches):
+        return upper, across, across.T, below
+    flow, share = _advected(terms, contact.branches), contact.resistance / resistance
+    return (
+        upper,
+        across - _product(contact.mean, share, flow),
+        across.T,
+        below - _product(lower, 1 - share, flow),
+    )
+
+
+def _advected(terms: ConditionTerms, branches: Sequence[Ints]) -> SparseMatrix:
+    """Return the matrix (k, m) of what the velocity takes out of curves at k points, where they end or go on.
+
+    ``branches`` are the samples at each point. Where a curve goes on, one branch takes what another brings.
+    """
+    from scipy.sparse import csr_array, vstack
+
+    assert terms.outward_speed is not None
+    rows = []
+    for at in branches:
+        speed = terms.outward_speed[at]
+        out = np.maximum(speed, 0.0)
+        if len(at) > 1:
+            speed = out * (1 - (out - speed).sum() / max(out.sum(), np.finfo(float).tiny))
+        rows.append(csr_array(speed[None] @ terms.values[at]))
+    return vstack(rows, format="csr")

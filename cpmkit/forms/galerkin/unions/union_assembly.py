@@ -11,16 +11,23 @@ from typing import Any, Self
 import numpy as np
 
 from cpmkit.forms.form_records import StateDependentCoefficient, StateFlux
-from cpmkit.forms.galerkin.equation_assembly import GalerkinOperator
+from cpmkit.forms.galerkin.advection import join_advections
+from cpmkit.forms.galerkin.equation_assembly import GalerkinOperator, free_constants_of
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.space.energy import scalar_coefficient
-from cpmkit.forms.galerkin.unions.junctions import Contact, DiscContact, contact_blocks, disc_contact_blocks
+from cpmkit.forms.galerkin.unions.junctions import (
+    Contact,
+    DiscContact,
+    advection_blocks,
+    contact_blocks,
+    disc_contact_blocks,
+)
 from cpmkit.forms.galerkin.unions.part_scenes import restrict_fields
 from cpmkit.forms.galerkin.unions.union_parts import PartFlux, UnionPart
 from cpmkit.forms.options import Options
 from cpmkit.linear.multigrid.solver import Level
-from cpmkit.linear.operators import CsrOperator, Operator, without_border
+from cpmkit.linear.operators import Border, CsrOperator, Operator, without_border
 from cpmkit.scene.data import Data, Functional
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.member_data import ReactionAt
@@ -69,8 +76,9 @@ class UnionAssembly:
 
     @cached_property
     def mass_in_time(self) -> CsrOperator:
-        """M + h^2 S, with S the stabilisation."""
-        return CsrOperator(_block_diagonal([form.mass_in_time.matrix for form in self.forms]), symmetric=True)
+        """M + h^2 S with the upwinding of du/dt; S is the stabilisation."""
+        masses = [form.mass_in_time for form in self.forms]
+        return CsrOperator(_block_diagonal([mass.matrix for mass in masses]), all(mass.symmetric for mass in masses))
 
     def weighted_mass(self, values: Floats) -> SparseMatrix:
         """Return the integrals (n, n) of c u v, with the ``values`` (p,) of c at the samples."""
@@ -85,7 +93,9 @@ class UnionAssembly:
         for (high, low), contact in self.contacts.items():
             conditions = operators[high].conditions
             assert conditions is not None
-            _add_blocks(blocks, high, low, contact_blocks(conditions, contact))
+            _add_symmetric_blocks(blocks, high, low, contact_blocks(conditions, contact))
+            if terms.velocity is not None:
+                _add_blocks(blocks, high, low, advection_blocks(conditions, contact, terms.conservative))
         for (high, low), at_points in self.disc_contacts.items():
             part = self.parts[high]
             a = part.form.coefficients.diffusivity(self._terms_of(part, terms).diffusivity)
@@ -93,7 +103,7 @@ class UnionAssembly:
             at = np.broadcast_to(a[:1], len(at_points.nearest)) if len(a) == 1 else a[at_points.nearest]
             of_curves = operators[low].conditions
             assert of_curves is not None
-            _add_blocks(blocks, high, low, disc_contact_blocks(at_points, at, of_curves))
+            _add_blocks(blocks, high, low, disc_contact_blocks(at_points, at, of_curves, terms.conservative))
         return UnionOperator(
             _stack_blocks(blocks),
             all(each.symmetric for each in operators),
@@ -102,8 +112,17 @@ class UnionAssembly:
             waves=max(each.waves for each in operators),
             least=min(each.least for each in operators),
             lowest=min(each.lowest for each in operators),
+            symmetric_pattern=all(each.symmetric_pattern for each in operators),
+            advection=join_advections([each.advection for each in operators]),
             parts=tuple(operators),
         )
+
+    def free_constants(self, stiffness: Any) -> Border | None:
+        """Return the pieces of the union where constants solve A u = 0, and means over them; None if there are none.
+
+        Raises SceneError if a conservative velocity leaves another function undetermined.
+        """
+        return free_constants_of(stiffness, lambda: self.mass, self.mass.size)
 
     def _terms_of(self, part: UnionPart, terms: Terms) -> Terms:
         """Return the ``terms`` of an equation on the union for a part."""
@@ -201,10 +220,16 @@ def _block_diagonal(matrices: Sequence[Any]) -> Any:
     return block_diag(matrices, format="csr")
 
 
-def _add_blocks(blocks: list[list[Any]], high: int, low: int, added: Sequence[Any]) -> None:
+def _add_symmetric_blocks(blocks: list[list[Any]], high: int, low: int, added: Sequence[Any]) -> None:
     """Add the blocks (n, n), (n, m) and (m, m) of a junction of the parts ``high`` and ``low`` to ``blocks``."""
     upper, across, lower = added
-    for row, column, block in ((high, high, upper), (high, low, across), (low, high, across.T), (low, low, lower)):
+    _add_blocks(blocks, high, low, (upper, across, across.T, lower))
+
+
+def _add_blocks(blocks: list[list[Any]], high: int, low: int, added: Sequence[Any]) -> None:
+    """Add blocks (n, n), (n, m), (m, n), (m, m) of a junction of the parts ``high`` and ``low`` to ``blocks``."""
+    places = (high, high), (high, low), (low, high), (low, low)
+    for (row, column), block in zip(places, added, strict=True):
         before = blocks[row][column]
         blocks[row][column] = block if before is None else before + block
 

@@ -22,7 +22,7 @@ from cpmkit.forms.galerkin.unions.union_assembly import UnionAssembly
 from cpmkit.forms.galerkin.unions.union_parts import UnionPart
 from cpmkit.linear.operators import Operator
 from cpmkit.linear.residuals import SolveReport
-from cpmkit.manifold.meetings import is_near
+from cpmkit.manifold.meetings import is_near, touching_distance
 from cpmkit.manifold.mixed_dimension import near_miss_warnings
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.data import Data
@@ -139,13 +139,17 @@ class GalerkinUnion(UnionAssembly, Discretized):
     def _nearest_parts(self, at: Floats, side: Sides = None) -> Iterator[tuple[UnionPart, Ints]]:
         """Yield each part on which the closest points to some of ``at`` (k, d) lie, and the rows of these.
 
-        If a ``side`` is given, points on a member that cuts another are on the other, which has two sides there.
+        Where members lie on each other it is the part of the lowest dimension. If a ``side`` is given, points on a
+        member that cuts another are on the other, which has two sides there.
         """
-        element = self.scene.surface.closest_point(np.ascontiguousarray(at)).element
-        assert element is not None
-        owner = np.zeros(len(at), dtype=np.int64)
-        for k, part in enumerate(self.parts):  # of ascending dimension
-            owner[np.isin(element, part.numbers)] = k
+        touching = touching_distance(self.scene.surface)
+        nearest = self.scene.surface.closest_point(np.ascontiguousarray(at))
+        assert nearest.element is not None
+        owner = np.full(len(at), len(self.parts) - 1)
+        for k in range(len(self.parts) - 2, -1, -1):  # to the lowest dimension
+            distance = self.parts[k].form.scene.surface.closest_point(np.ascontiguousarray(at)).distance
+            owner[np.isin(nearest.element, self.parts[k].numbers) | (distance <= nearest.distance + touching)] = k
+        for k, part in enumerate(self.parts):
             for cut in part.form.scene.boundaries if isinstance(side, str) else ():
                 owner[is_near(cut.source, at, self.scene.surface)] = k
         for k, part in enumerate(self.parts):

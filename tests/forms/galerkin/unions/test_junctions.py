@@ -272,16 +272,29 @@ def test_fluxes_and_sides_are_those_of_the_members():
         ([ck.source("trimmed", of=SPHERE, trim="x - 0.3"), RING], "in part only"),
     ],
 )
-def test_what_no_law_covers_is_refused_and_left_to_collocation(members, sentence):
+def test_what_no_law_covers_is_refused_unless_collocation_is_given(members, sentence):
     scene = ck.Scene(ck.source("union", members=members), ck.ScreenedPoisson(1.0))
     with pytest.raises(SceneError, match=sentence):
         ck.discretize(scene, 0.3, form="galerkin")
-    with_law = ck.Scene(scene.surface, scene.problem, junctions=ck.Junction(radius=0.05))
-    with pytest.raises(SceneError, match=f"`junctions` hold in the form 'galerkin', which takes .*{sentence}"):
-        ck.discretize(with_law, 0.3)
-    form = ck.discretize(scene, 0.3)
-    assert form.form == "collocation"
-    assert sentence in form.describe()["form_reason"]
+    for options in ({}, {"degree": 3}):
+        with pytest.raises(SceneError, match=f"{sentence}.*; form='collocation' takes it"):
+            ck.discretize(scene, 0.3, **options)
+    assert ck.discretize(scene, 0.3, form="collocation").form == "collocation"
+
+
+def test_a_radius_without_a_place_for_it_is_refused():
+    scene = ck.Scene(
+        ck.source("union", members=[SPHERE, RING]), ck.ScreenedPoisson(1.0), junctions=ck.Junction(radius=0.1)
+    )
+    with pytest.raises(SceneError, match=r"got 0\.1 where no member does so; leave it out"):
+        ck.discretize(scene, 0.3)
+
+
+def test_where_members_lie_on_each_other_u_is_that_of_the_lowest_dimension():
+    solution = ck.solve(exchange(0.5).scene, 0.3, estimate=False)
+    at = on_sphere(300)
+    np.testing.assert_array_equal(solution.evaluate(at), solution.of_dimension(2).evaluate(at))
+    np.testing.assert_array_equal(solution.evaluate(0.9 * at), solution.of_dimension(3).evaluate(0.9 * at))
 
 
 @pytest.mark.parametrize("dry_run", [False, True])
@@ -405,8 +418,6 @@ def test_a_curve_on_a_surface_needs_a_radius_and_room():
     near_edge = ck.source("union", members=[cap, ROD])
     with pytest.raises(SceneError, match="nearer to the edge of the surface"):
         ck.solve(ck.Scene(near_edge, ck.ScreenedPoisson(1.0), junctions=ck.Junction(radius=0.01)), 0.3)
-    with pytest.raises(SceneError, match="no velocity on unions"):
-        ck.solve(ck.Scene(both, ck.Elliptic(f=1.0, c=1.0, velocity=lambda x: 0 * x)), 0.3, form="galerkin")
 
 
 @pytest.mark.parametrize(
