@@ -16,6 +16,7 @@ from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions, reason_agai
 from cpmkit.forms.options import AUTO, Options
 from cpmkit.grid.lattice import needed_spacing, other_solver_hint, round_up
 from cpmkit.manifold.abilities import has_finite_feet, members_of
+from cpmkit.manifold.meetings import meetings_of
 from cpmkit.runtime import memory
 from cpmkit.runtime.deprecation import current_keywords
 from cpmkit.runtime.messages import did_you_mean
@@ -69,8 +70,8 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
 def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     """Return the name of the form that discretises a scene with the options ``given``, and in words the reason for it.
 
-    Raises InputError as :func:`form_named` does, and SceneError if the scene has junctions that only collocation takes,
-    or laws of junctions that no form takes.
+    Raises InputError as :func:`form_named` does, and SceneError if members of a union meet and the form 'galerkin'
+    does not take the scene.
     """
     target = given.get("form", AUTO)
     named = form_named(target, given)
@@ -93,8 +94,11 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
             f"{unsupported_junction(surface)}; form='collocation' takes it, and what flows there depends on the "
             "spacing."
         )
-    if reason and scene.junctions != Junction():
-        raise SceneError(f"`junctions` hold in the form 'galerkin', which takes {reason}.")
+    if reason and (scene.junctions != Junction() or meetings_of(surface)):
+        raise SceneError(
+            f"members of the union meet, and the form 'galerkin', which has laws for that, takes {reason}; change "
+            "that, or use form='collocation', where the spacing decides what flows from one member to the other."
+        )
     if reason:
         return "collocation", f"the form 'galerkin' takes {reason}"
     if surface.manifold_dim is None:

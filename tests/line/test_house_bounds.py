@@ -4,8 +4,9 @@ import measure_house as measure
 import pytest
 
 #: Lines that the core may have. Raise it with a reason here: 55,000 were a tenth above what the core was to have;
-#: surfaces that meet in solids took 1,000 more, and curves in solids with the ends and rims of members 200.
-LINES = 56_500
+#: surfaces that meet in solids took 1,000 more, curves in solids with the ends and rims of members 200, velocities on
+#: unions and singular functions in plane solids 500.
+LINES = 57_000
 #: Private words in identifiers of the core and the plugins: the deprecated aliases ``told`` and ``asked``.
 PRIVATE_NAMES = 6
 

@@ -102,7 +102,8 @@ def discretize_solid(scene: Scene, options: Options[GalerkinOptions], progress: 
     samples: Any = sampled.samples
     sampled = replace(sampled, samples=QuantisedSamples.of(samples, sampled.dof_map))
     splines = build_spline_space(sampled.dof_map, sampled.samples, np.arange(sampled.patches.cut))
-    space = FunctionSpace(splines, sampled.interior, SOLID_STABILISATIONS[options.own.stabilisation])
+    parts = splines, sampled.interior, SOLID_STABILISATIONS[options.own.stabilisation]
+    space = EnrichedSpace(*parts, sampled.singular, sampled.near_tips) if sampled.singular else FunctionSpace(*parts)
     form = galerkin(scene, options, sampled, space)
     release_memory()
     progress("space", 1.0)

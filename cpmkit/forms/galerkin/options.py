@@ -10,6 +10,7 @@ from typing import Any
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.forms.options import Options
 from cpmkit.manifold.abilities import has_finite_feet
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.cell_quadrature import SAMPLINGS
 from cpmkit.mesh.mixed_cells import member_dimensions
 from cpmkit.runtime.arrays import is_whole, whole
@@ -82,9 +83,9 @@ class GalerkinOptions(DeclaredOptions):
     )
     tips: str = option(
         "extended",
-        "What the Galerkin form does where a boundary ends inside a surface: ``extended`` lets u go on across its "
-        "straight continuation; ``singular`` gives each end an unknown of its own besides, the root of the distance "
-        "from it that u behaves like there.",
+        "What the Galerkin form does where a boundary ends inside a surface or a plane solid: ``extended`` lets u go "
+        "on across its straight continuation; ``singular`` gives each end an unknown of its own besides, the root of "
+        "the distance from it that u behaves like there.",
         one_of("extended", "singular"),
     )
     refine: str = option(
@@ -144,7 +145,11 @@ def check_scene(scene: Scene, options: Options[GalerkinOptions]) -> None:
             f"conditions of the form {options.form!r} have no order, got order={orders[0]}; leave it out, or use "
             "form='collocation'."
         )
-    reason = reason_against(scene, options.own.as_dict())
+    given = options.own.as_dict()
+    reason = option_refused_on(surface, given)
+    if reason:
+        raise SceneError(f"the form {options.form!r} takes {reason}; leave the option out.")
+    reason = reason_against(scene, given)
     if reason:
         raise SceneError(f"the form {options.form!r} takes {reason}; change that, or use form='collocation'.")
     if has_finite_feet(surface):
@@ -152,6 +157,24 @@ def check_scene(scene: Scene, options: Options[GalerkinOptions]) -> None:
             f"the form {options.form!r} integrates over the manifold, and closest points on this one are single "
             "samples; fit a surface to them, or use form='collocation'."
         )
+
+
+def option_refused_on(surface: ClosestPointSource, given: Mapping[str, Any]) -> str:
+    """Return what the form takes on a solid or a union, where an option that no other form has differs; else "".
+
+    ``given`` are the options by name; those that are missing have their default.
+    """
+    own, dims = GalerkinOptions().as_dict() | {**given}, member_dimensions(surface)
+    if surface.dim not in dims and len(dims) == 1:
+        return ""
+    on = "solids" if len(dims) == 1 else "unions of several dimensions"
+    reasons = {
+        f"refine='off' on {on}": own["refine"] != "off",
+        "tips='extended' on unions of several dimensions and solids in space": own["tips"] != "extended"
+        and (len(dims) > 1 or surface.dim == 3),
+        f"samples='auto' on {on}": own["samples"] == "plain",
+    }
+    return next((reason for reason, holds in reasons.items() if holds), "")
 
 
 def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
@@ -170,9 +193,6 @@ def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
     inside = _boundaries_in_solid(scene)
     reasons = {
         f"splines of degree 2 on {on}, got degree={own['degree']}": own["degree"] != 2,
-        f"refine='off' on {on}": own["refine"] != "off",
-        f"tips='extended' on {on}": own["tips"] != "extended",
-        f"samples='auto' on {on}": own["samples"] == "plain",
         "curves in a plane solid, or surfaces in one in space, as boundaries inside": any(
             not oriented.has_sides for oriented in inside
         ),

@@ -153,8 +153,8 @@ def test_what_is_refused():
     pin = ck.Boundary("pin", ck.source("analytic.point", at=[0.1, 0.2]), both=ck.Dirichlet(0.0))
     with pytest.raises(ck.SceneError, match=r"as boundaries inside; change that, or use form='collocation'"):
         ck.solve(ck.Scene(DISK, ck.Laplace(), [pin]), 0.2, form="galerkin")
-    refused = {"degree": 3}, {"refine": "auto"}, {"tips": "singular"}, {"samples": "plain"}
-    words = "degree 2 on solids, got degree=3", "refine='off' on solids", "tips='extended' on", "samples='auto' on"
+    refused = {"degree": 3}, {"refine": "auto"}, {"samples": "plain"}
+    words = "degree 2 on solids, got degree=3", "refine='off' on solids", "samples='auto' on"
     for options, accepted in zip(refused, words, strict=True):
         with pytest.raises(ck.SceneError, match=f"takes .*{accepted}"):
             solve(DISK, ck.ScreenedPoisson(1.0), 0.2, **options)

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import block_array, block_diag, csc_array, eye_array, hstack
+from scipy.sparse import block_array, block_diag, csc_array, csr_array, eye_array, hstack, vstack
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
+from cpmkit.forms.galerkin.enrichment.plane_tips import TipSamples
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.spline_space import derivative_rows, value_rows
@@ -23,10 +24,23 @@ from cpmkit.types import Floats, Ints, SparseMatrix
 
 
 @dataclass(frozen=True, eq=False)
+class ProductRule:
+    """A quadrature of products with singular functions."""
+
+    points: Floats  #: (k, d), relative to the lattice's origin.
+    patch: Ints  #: (k,): the patches whose splines are evaluated.
+    weights: Floats  #: (k,).
+    take: SparseMatrix  #: (k, p): the values at the points from those at the samples of the manifold.
+    #: For each psi the points (r,) in its disc, its values (r,) and its tangential gradients (r, d) there.
+    psi: Sequence[tuple[Ints, Floats, Floats]]
+
+
+@dataclass(frozen=True, eq=False)
 class EnrichedSpace(FunctionSpace):
     """Splines of one spacing, and singular functions at the ends of boundaries."""
 
     functions: Sequence[SingularFunction]  #: The m functions psi_k, one or more.
+    near: TipSamples | None = None  #: The quadrature near tips in place of samples; in plane solids.
 
     @property
     def size(self) -> int:
@@ -69,16 +83,27 @@ class EnrichedSpace(FunctionSpace):
 
     @cached_property
     def _psi_in_discs(self) -> list[tuple[Ints, Floats, Floats]]:
-        """For each psi: the samples (k,) in its disc, its values (k,) and its tangential gradients (k, d) there."""
+        """For each psi: the samples (k,) in its disc, its values (k,) and its tangential gradients (k, d) there.
+
+        In patches near tips, see :attr:`near`, a constant is added to the values: their sum is the integral of psi.
+        """
         samples, count = self.splines.samples, self.interior
         points, normals, cells = samples.points[:count], samples.normals[:count], samples.cell[:count]
-        values = []
-        for function in self.functions:
-            rows, psi = function.values(points, cells)
-            gradients = function.slopes(points, cells)[1]
-            normal_parts = np.einsum("kcd,kd->kc", normals[rows], gradients)
-            values.append((rows, psi, gradients - np.einsum("kcd,kc->kd", normals[rows], normal_parts)))
-        return values
+        found = [_values_and_slopes(function, points, normals, cells) for function in self.functions]
+        if self.near is None:
+            return found
+        weights, patch, of_rule = samples.weights[:count], self.dof_map.patch[:count], self._rule
+        is_near, volumes = np.isin(patch, self.near.replaced), np.bincount(patch, weights)
+        shifted = []
+        for (rows, psi, gradients), (own, at_points, _) in zip(found, of_rule.psi, strict=True):
+            values, slopes = np.zeros(count), np.zeros((count, points.shape[1]))
+            values[rows], slopes[rows] = psi, gradients
+            sums = np.bincount(of_rule.patch[own], of_rule.weights[own] * at_points, len(volumes))
+            shift = (sums - np.bincount(patch, weights * values, len(volumes))) / volumes
+            values[is_near] += shift[patch[is_near]]
+            kept = np.union1d(rows, np.flatnonzero(is_near))
+            shifted.append((kept, values[kept], slopes[kept]))
+        return shifted
 
     @property
     def _singular_at_samples(self) -> SparseMatrix:
@@ -102,15 +127,38 @@ class EnrichedSpace(FunctionSpace):
 
     # Integrals
 
+    @cached_property
+    def _rule(self) -> ProductRule:
+        """The quadrature of products with the psi."""
+        samples, count = self.splines.samples, self.interior
+        cells = np.unique(np.concatenate([function.disc.cells for function in self.functions]))
+        cells = cells if self.near is None else np.setdiff1d(cells, self.near.replaced)
+        rows = np.flatnonzero(np.isin(samples.cell[:count], cells))
+        take = csr_array((np.ones(len(rows)), rows, np.arange(len(rows) + 1)), shape=(len(rows), count))
+        points, normals = samples.points_at(rows), samples.normals_at(rows)
+        patch, cell, weights = self.dof_map.patch[rows], samples.cell_at(rows), samples.weights[rows]
+        if self.near is not None:
+            near = self.near
+            points, weights = np.concatenate([points, near.points]), np.concatenate([weights, near.weights])
+            patch, cell = (np.concatenate([each, near.patch]) for each in (patch, cell))
+            normals = np.zeros((len(points), *normals.shape[1:]))
+            take = vstack([take, near.from_samples], format="csr")
+        psi = [_values_and_slopes(function, points, normals, cell) for function in self.functions]
+        return ProductRule(points, patch, weights, take, psi)
+
     def load(self, values: Floats) -> Floats:
         """Return the integrals (n + m, k) of ``values`` (p, k) at the samples of the manifold times each function."""
-        weighted = self.splines.samples.weights[: self.interior, None] * values
-        return np.concatenate([super().load(values), self._singular_at_samples.T @ weighted])
+        rule, singular = self._rule, []
+        weighted = rule.weights[:, None] * (rule.take @ values)
+        for rows, psi, _ in rule.psi:
+            singular.append(psi @ weighted[rows])
+        return np.concatenate([super().load(values), np.stack(singular)])
 
     def gradient_load(self, values: Floats) -> Floats:
         """Return the integrals (n + m,) of vectors (p, d) at samples times the tangential gradient of each function."""
-        weighted = self.splines.samples.weights[: self.interior, None] * values
-        singular = sum(rows.T @ weighted[:, axis] for axis, rows in enumerate(self._singular_gradients_at_samples))
+        rule = self._rule
+        weighted = rule.weights[:, None] * (rule.take @ values)
+        singular = [np.sum(gradients * weighted[rows]) for rows, _, gradients in rule.psi]
         return np.concatenate([super().gradient_load(values), singular])
 
     def weighted_mass(self, c: Floats) -> SparseMatrix:
@@ -122,20 +170,22 @@ class EnrichedSpace(FunctionSpace):
 
         The result is (n + m, n + m). ``a`` and ``c`` are (q,), at all samples, or (1,); None stands for no such term.
         """
-        m = len(self.functions)
+        m, rule = len(self.functions), self._rule
         mixed, singular = np.zeros((self.spline_count, m)), np.zeros((m, m))
-        dof_map, samples = self.dof_map, self.splines.samples
-        of_gradients, of_values = (None if factor is None else samples.weights * factor for factor in (a, c))
-        for k, (rows, psi, gradients) in enumerate(self._psi_in_discs):
-            at = dof_map, dof_map.patch[rows], samples.points[rows]
-            if of_gradients is not None:
-                mixed[:, k] += derivative_rows(*at, gradients).T @ of_gradients[rows]
-            if of_values is not None:
-                mixed[:, k] += value_rows(*at).T @ (of_values[rows] * psi)
-        terms = (of_gradients, self._singular_gradients_at_samples), (of_values, [self._singular_at_samples])
-        for weights, matrices in terms:
-            if weights is not None:
-                singular += sum((rows.T @ (rows * weights[: self.interior, None])).toarray() for rows in matrices)
+        for factor, is_gradient in ((a, True), (c, False)):
+            if factor is None:
+                continue
+            at_points = factor if len(factor) == 1 else rule.take @ factor[: self.interior]
+            weights, columns = rule.weights * at_points, []
+            for k, (rows, psi, gradients) in enumerate(rule.psi):
+                at = self.dof_map, rule.patch[rows], rule.points[rows]
+                of_splines = derivative_rows(*at, gradients) if is_gradient else value_rows(*at) * psi[:, None]
+                mixed[:, k] += of_splines.T @ weights[rows]
+                values = np.zeros((len(rule.points), gradients.shape[1] if is_gradient else 1))
+                values[rows] = gradients if is_gradient else psi[:, None]
+                columns.append(values.ravel())
+            products = np.stack(columns)
+            singular += (products * np.repeat(weights, products.shape[1] // len(weights))) @ products.T
         return block_array([[matrix, mixed], [mixed.T, singular]], format="csr")
 
     def extend_conditions(self, terms: ConditionTerms) -> ConditionTerms:
@@ -159,3 +209,13 @@ class EnrichedSpace(FunctionSpace):
             strip = np.concatenate([level.strip, level.prolongation.shape[0] + np.arange(m)])
             levels.append(Level(prolongation, strip, lines=level.lines))
         return levels
+
+
+def _values_and_slopes(
+    function: SingularFunction, points: Floats, normals: Floats, cells: Ints
+) -> tuple[Ints, Floats, Floats]:
+    """Return the ``points`` (k,) in a disc, and the values (k,) and tangential gradients (k, d) of its function."""
+    rows, psi = function.values(points, cells)
+    gradients = function.slopes(points, cells)[1]
+    normal_parts = np.einsum("kcd,kd->kc", normals[rows], gradients)
+    return rows, psi, gradients - np.einsum("kcd,kc->kd", normals[rows], normal_parts)

@@ -9,7 +9,7 @@ bounded.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -118,19 +118,10 @@ class TipDiscFinder:
 
     def _axes_at_tip(self, tip: int, boundary: int) -> TipDisc:
         """Return a disc of radius 0 without cells, with axes and curvature of a cubic fitted to the boundary nearby."""
-        mesh, none, normal = self.mesh, np.zeros(0, dtype=np.int64), self._normal(tip)
-        origin, own = mesh.vertices[tip], mesh.owner == boundary
-        behind = mesh.vertices[np.unique(mesh.cut[own & ~mesh.beyond_tip])] - origin
-        distance = norms(behind)
-        behind = behind[(distance > 0) & (distance < PARABOLA_SPACINGS * self.spacing)]
-        guess = -behind.mean(axis=0)
-        heading = unit((guess - (guess @ normal) * normal)[None])[0]
-        for _ in range(2):
-            x, y = behind @ heading, behind @ np.cross(normal, heading)
-            powers = np.stack([x, x**2, x**3], axis=1)[:, : max(len(behind), 1)] / self.spacing ** np.arange(1, 4)
-            slope, curvature = np.append(np.linalg.lstsq(powers, y, rcond=None)[0], [0.0, 0.0])[:2]
-            heading = unit((heading + slope / self.spacing * np.cross(normal, heading))[None])[0]
-        return TipDisc(origin, heading, np.cross(normal, heading), 2 * curvature / self.spacing**2, 0.0, none, none)
+        mesh, normal = self.mesh, self._normal(tip)
+        own = mesh.owner == boundary
+        behind = mesh.vertices[np.unique(mesh.cut[own & ~mesh.beyond_tip])] - mesh.vertices[tip]
+        return axes_at_tip(mesh.vertices[tip], behind, self.spacing, lambda heading: np.cross(normal, heading))
 
     def _is_tilted(self, frame: TipDisc) -> Bools:
         """Return (m,) whether each cell is tilted against a tip's tangent plane; slivers and cells at it are not."""
@@ -170,6 +161,23 @@ class TipDiscFinder:
         votes = np.bincount(piece, np.sign(y[behind]), minlength=int(piece.max(initial=-1)) + 1)
         sides[behind] = np.sign(votes)[piece]
         return sides
+
+
+def axes_at_tip(origin: Floats, behind: Floats, spacing: float, turn: Callable[[Floats], Floats]) -> TipDisc:
+    """Return a disc of radius 0 without cells around a tip ``origin`` (d,), with the boundary's axes and curvature.
+
+    They are those of a cubic fitted to the points of the boundary at ``behind`` (k, d) from the tip that are near it.
+    ``turn`` turns a vector (d,) by 90 degrees to the left in the tangent plane, and drops its part along the normal.
+    """
+    distance, none = norms(behind), np.zeros(0, dtype=np.int64)
+    behind = behind[(distance > 0) & (distance < PARABOLA_SPACINGS * spacing)]
+    heading = -unit(turn(turn(-behind.mean(axis=0)))[None])[0]
+    for _ in range(2):
+        x, y = behind @ heading, behind @ turn(heading)
+        powers = np.stack([x, x**2, x**3], axis=1)[:, : max(len(behind), 1)] / spacing ** np.arange(1, 4)
+        slope, curvature = np.append(np.linalg.lstsq(powers, y, rcond=None)[0], [0.0, 0.0])[:2]
+        heading = unit((heading + slope / spacing * turn(heading))[None])[0]
+    return TipDisc(origin, heading, turn(heading), 2 * curvature / spacing**2, 0.0, none, none)
 
 
 #: Frequency k and phase p of the functions of a tip, by whether a value is given on the left and on the right.
@@ -238,12 +246,26 @@ def singular_functions(
 
     ``boundary`` are the samples that ``conditions`` refer to. Tips with a condition of the kind THROUGH have none.
     """
-    finder, kinds = TipDiscFinder(mesh, lattice.spacing), _kinds(boundary, conditions)
+    finder = TipDiscFinder(mesh, lattice.spacing)
+    tips = [(number, tip) for number in np.unique(mesh.owner).tolist() for tip in ends_inside(mesh, number).tolist()]
+    discs = [(number, finder.find_disc(tip, number)) for number, tip in tips]
+    return functions_in_discs(discs, boundary, conditions, lattice)
+
+
+def functions_in_discs(
+    discs: Sequence[tuple[int, TipDisc]],
+    boundary: BoundarySamples,
+    conditions: Sequence[ImposedCondition],
+    lattice: Lattice,
+) -> tuple[tuple[SingularFunction, ...], tuple[str, ...]]:
+    """Return the singular functions in ``discs``, each with the number of its boundary, as :func:`singular_functions`.
+
+    Discs with a radius below a spacing have none.
+    """
+    kinds = _kinds(boundary, conditions)
     functions: list[SingularFunction] = []
     narrow = []
-    tips = [(number, tip) for number in np.unique(mesh.owner).tolist() for tip in ends_inside(mesh, number).tolist()]
-    for number, tip in tips:
-        disc = finder.find_disc(tip, number)
+    for number, disc in discs:
         if disc.radius < LEAST_RADIUS_SPACINGS * lattice.spacing:
             narrow.append(disc)
             continue

@@ -25,7 +25,7 @@ from cpmkit.forms.galerkin.solids.skin import (
 from cpmkit.forms.galerkin.solids.tip_extensions import EXTENDED_SPACINGS, extended_curve_ends
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.adjacency import WELDED_SIZE_SHARE, box_size, facets_of_two_cells, repair
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.sectors import sector_facets
@@ -40,6 +40,8 @@ from cpmkit.types import Bools, Floats, Ints
 NEAR_MISS_SPACINGS = 0.05
 #: The message about a boundary outside of the solid.
 OUTSIDE = "boundary {!r} lies outside the solid and would act on nothing; look where it lies."
+#: With singular functions a boundary is divided at so many distances from a tip, a spacing and its halves.
+GRADED_HALVINGS = 11
 #: A boundary is continued past a tip up to this share of the distance to the next tip.
 TIP_SHARE = 0.45
 
@@ -65,8 +67,11 @@ def split_where_curves_meet(
     names: Sequence[str],
     solid: LocalSource,
     lattice: Lattice,
+    is_graded: bool,
 ) -> MeetingCurves:
     """Return the parts of the ``skin`` of a plane solid and the boundaries ``inside``, split where they meet.
+
+    If ``is_graded``, boundaries and extensions are split near tips too, ever more finely.
 
     Raises SceneError if two of them touch or run along each other, or a boundary almost meets another part.
     """
@@ -86,11 +91,18 @@ def split_where_curves_meet(
     at_tips = np.concatenate([parts[k].mesh.vertices[own] for k, own in tips.items()])
     extensions = []
     for number, own in tips.items():
-        made = extended_curve_ends(parts[number].mesh, own, EXTENDED_SPACINGS * lattice.spacing)
+        made = extended_curve_ends(parts[number].mesh, curves[number][0], own, EXTENDED_SPACINGS * lattice.spacing)
         for tip in range(len(own)):
             _check_not_near(made.vertices[2 * tip], number, curves, labels, lattice)
             _shorten(made, tip, at_tips, curves, meetings, LONGEST_EDGES[2] * lattice.spacing)
         extensions.append(made)
+    if is_graded:
+        distances: Floats = lattice.spacing * 0.5 ** np.arange(GRADED_HALVINGS, dtype=np.float64)
+        for number, made in zip(tips, extensions, strict=True):
+            for tip, ahead in made.vertices.reshape(-1, 2, 2):
+                behind = tip - distances[:, None] * unit((ahead - tip)[None])
+                meetings[number] = np.concatenate([meetings[number], curves[number][0].closest_point(behind).points])
+        extensions = [_graded(made, distances) for made in extensions]
     split = [
         replace(part, mesh=repair(split_at(curve, part.mesh, points))[0]) if len(points) else part
         for part, (curve, _), points in zip(parts, curves, meetings, strict=True)
@@ -98,6 +110,17 @@ def split_where_curves_meet(
     starts = np.cumsum([0] + [len(member) for member in skin])
     members = [split[start:end] for start, end in pairwise(starts)]
     return MeetingCurves(members, split[count:], extensions, np.concatenate([*meetings, at_tips]))
+
+
+def _graded(extension: Mesh, distances: Floats) -> Mesh:
+    """Return the segments of an ``extension`` split at ``distances`` (n,), descending, from the tips at their start."""
+    start, end = extension.vertices.reshape(-1, 2, extension.dim).transpose(1, 0, 2)
+    length = norms(end - start)[:, None]
+    shares = np.minimum(np.column_stack([np.zeros_like(length), np.divide(distances[::-1], length)]), 1.0)
+    points = start[:, None] + np.column_stack([shares, np.ones_like(length)])[..., None] * (end - start)[:, None]
+    count = points.shape[1]
+    cells = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1) + count * np.arange(len(start))[:, None, None]
+    return repair(Mesh.of(points.reshape(-1, extension.dim), cells.reshape(-1, 2)))[0]
 
 
 def _meetings(curves: Sequence[Curve], labels: Sequence[str], count: int, length: float) -> list[Floats]:

@@ -44,7 +44,7 @@ class SolidLocator:
     sampled: SampledSolid
 
     def patches(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
-        """Return the patches (k,) that evaluate u at ``feet`` (k,), and zeros (k,).
+        """Return the patches (k,) that evaluate u at ``feet`` (k,), and a sample (k,) of each.
 
         Points on boundary b are evaluated on ``side_of[b]``, by default left.
         """
@@ -73,7 +73,8 @@ class SolidLocator:
             height = np.einsum("kqd,kqd->kq", off, boundary.conormals[rows])  # another part may be as near
             nearest = np.argmin(distance**2 + (HEIGHT_FACTOR * height) ** 2, axis=1)
             patch[missing] = boundary.cell[rows[np.arange(len(missing)), nearest]]
-        return patch, np.zeros(len(patch), dtype=np.int64)
+        quantised: Any = self.sampled.samples
+        return patch, quantised.first_of_cells(patch)
 
     @cached_property
     def sides_of_patches(self) -> list[Ints]:

@@ -16,9 +16,12 @@ from cpmkit.forms.galerkin.dof_map import (
     distinct_pairs,
     dof_map_from_patches,
 )
+from cpmkit.forms.galerkin.enrichment.plane_tips import TipSamples, gathered_at_tips, plane_tip_disc, tip_samples
+from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction, functions_in_discs
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.solids.boundaries_inside import (
+    GRADED_HALVINGS,
     boundaries_inside,
     check_sectors,
     left_of_normals,
@@ -59,6 +62,7 @@ class SampledSolid(SampledScene):
 
     patches: SolidPatches  #: The connected parts of the solid in lattice cells.
     dof_map: DofMap  #: The dof map of the samples.
+    near_tips: TipSamples | None = None  #: The quadrature of products with singular functions near tips.
 
     @property
     def ties(self) -> Floats:
@@ -99,7 +103,8 @@ def sample_solid(scene: Scene, options: Options[GalerkinOptions]) -> SampledSoli
     lattice = lattice_of(scene.surface, options.spacing, options.origin)
     surface = localize(scene.surface, lattice.origin)
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
-    skin = _whole_skin(scene, surface, oriented, lattice)
+    is_graded = options.own.tips == "singular"
+    skin = _whole_skin(scene, surface, oriented, lattice, is_graded)
     fine, coarse = skin.facets
     names, exact = [boundary.name for boundary in scene.boundaries], bool(skin.is_flat.any())
     pieces = [
@@ -114,7 +119,23 @@ def sample_solid(scene: Scene, options: Options[GalerkinOptions]) -> SampledSoli
         _check_parts(patches, skin, lattice)
     inside = _inside_samples(patches, moments, lattice.spacing)
     boundary, left = skin_samples(skin, patches, lattice.spacing)
+    tips = _tips_of(skin) if is_graded else []
+    if tips:
+        shortest = lattice.spacing * 0.5 ** (GRADED_HALVINGS - 1)
+        boundary = gathered_at_tips(boundary, [tip for _, tip, _ in tips], shortest)
     conditions = imposed_conditions(scene, boundary, left, surface, lattice)
+    singular: tuple[SingularFunction, ...] = ()
+    near, warnings = None, skin.warnings
+    if tips:
+        discs = [
+            (number, plane_tip_disc(tip, number, others, boundary, inside, patches.cells, lattice.spacing))
+            for number, tip, others in tips
+        ]
+        singular, tip_warnings = functions_in_discs(discs, boundary, conditions, lattice)
+        warnings += tip_warnings
+    if singular:
+        discs_in_use = list({id(function.disc): function.disc for function in singular}.values())
+        near = tip_samples(discs_in_use, patches, inside, lattice.spacing)
     samples = Samples.join([inside, boundary.as_samples])
     none = np.zeros(0, dtype=np.int64)
     outer = Mesh.of(fine.vertices, fine.cells[np.arange(len(fine.cells)) % len(skin.owner) < skin.count])
@@ -126,7 +147,7 @@ def sample_solid(scene: Scene, options: Options[GalerkinOptions]) -> SampledSoli
         mesh=outer,
         points={},
         geometry=skin.geometry,
-        warnings=skin.warnings,
+        warnings=warnings,
         corners=outer.cells,
         half=HalfFacets(none, none, none, none),
         samples=samples,
@@ -134,14 +155,28 @@ def sample_solid(scene: Scene, options: Options[GalerkinOptions]) -> SampledSoli
         left=left,
         conditions=conditions,
         winding=np.ones(len(outer.cells), dtype=np.int8),
-        singular=(),
+        singular=singular,
         patches=patches,
         dof_map=_dof_map(patches, samples.cell, options),
+        near_tips=near,
     )
 
 
-def _whole_skin(scene: Scene, solid: LocalSource, oriented: Sequence[OrientedBoundary], lattice: Lattice) -> Skin:
-    """Return the skin of a scene's ``solid`` with the scene's boundaries inside."""
+def _tips_of(skin: Skin) -> list[tuple[int, Floats, Floats]]:
+    """Return the ends of curves inside a plane solid: the curve's number, the place (2,), and the others (k, 2)."""
+    mesh, first, tips = skin.mesh, np.arange(len(skin.twin)) < skin.twin, []
+    for number in range(int(skin.owner.max()) + 1):
+        own, past = (mesh.cells[first & (skin.owner == number) & (skin.beyond_tip == is_past)] for is_past in (0, 1))
+        vertices, count = np.unique(own, return_counts=True)
+        tips += [(number, mesh.vertices[tip]) for tip in np.intersect1d(vertices[count == 1], past)]
+    at = np.array([tip for _, tip in tips]).reshape(-1, mesh.dim)
+    return [(number, tip, np.delete(at, k, axis=0)) for k, (number, tip) in enumerate(tips)]
+
+
+def _whole_skin(
+    scene: Scene, solid: LocalSource, oriented: Sequence[OrientedBoundary], lattice: Lattice, is_graded: bool
+) -> Skin:
+    """Return the skin of a scene's ``solid`` with the scene's boundaries inside, with short cells near tips or not."""
     parts, inside = flat_parts(solid, lattice), boundaries_inside(scene, lattice)
     part_at, names = part_function(scene, lattice), [boundary.name for boundary in scene.boundaries]
     if not inside:
@@ -151,7 +186,7 @@ def _whole_skin(scene: Scene, solid: LocalSource, oriented: Sequence[OrientedBou
         return with_surfaces_inside(
             skin, inside, names, solid, lambda number, mesh: left_of_normals(mesh, oriented[number], lattice), lattice
         )
-    curves = split_where_curves_meet(parts, inside, names, solid, lattice)
+    curves = split_where_curves_meet(parts, inside, names, solid, lattice, is_graded)
     skin = skin_of(solid, curves.skin, lattice, part_at)
     whole = with_curves_inside(skin, curves.inside, curves.extensions, oriented, solid, lattice)
     return replace(whole, mesh=welded(whole.mesh, curves.points))

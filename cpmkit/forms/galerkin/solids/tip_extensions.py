@@ -8,23 +8,27 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.meshing.meeting_curves import FlatCurve
 from cpmkit.types import Bools, Floats, Ints
 
 #: A boundary is continued over so many spacings: up to the patches that share no spline with that of the tip.
 EXTENDED_SPACINGS = 3.0
+#: The direction of a curve at its end is that of a chord of this share of its last segment.
+TANGENT_SHARE = 1e-3
 
 
-def extended_curve_ends(mesh: Mesh, ends: Ints, length: float) -> Mesh:
-    """Return segments of ``length`` that continue a curve of flat segments straight on at its ``ends`` (k,).
+def extended_curve_ends(mesh: Mesh, curve: LocalSource | FlatCurve, ends: Ints, length: float) -> Mesh:
+    """Return segments of ``length`` that continue a ``curve`` straight on at the ``ends`` (k,) of its flat ``mesh``.
 
     Vertex 2 i is end i, and vertex 2 i + 1 the new one; segments run on in the direction of the curve's.
     """
     cell, corner = _cells_at(mesh, ends)
     tips, behind = mesh.vertices[ends], mesh.vertices[mesh.cells[cell, 1 - corner]]
-    ahead = tips + length * unit(tips - behind)
-    vertices = np.stack([tips, ahead], axis=1).reshape(-1, mesh.dim)
+    near = curve.closest_point(tips + TANGENT_SHARE * (behind - tips)).points
+    vertices = np.stack([tips, tips + length * unit(tips - near)], axis=1).reshape(-1, mesh.dim)
     pairs = np.arange(2 * len(ends)).reshape(-1, 2)
     return Mesh.of(vertices, np.where(corner[:, None] == 1, pairs, pairs[:, ::-1]))
 

@@ -101,6 +101,10 @@ class QuantisedSamples:
         decode_all_normals(directions.reshape(-1, *directions.shape[-2:]), normals.reshape(-1, *normals.shape[-2:]))
         return normals
 
+    def first_of_cells(self, cells: Ints) -> Ints:
+        """Return the first sample (...) of each of the ``cells`` (...)."""
+        return np.asarray(self.cell_starts[cells], dtype=np.int64)
+
     def cell_at(self, rows: Ints) -> Ints:
         """Return the cells (...) of the samples ``rows`` (...)."""
         count = int(self.cell_starts[-1])
