@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ class BoundaryScene:
     spacings: tuple[float, ...]
     placed: Callable[[int], Scene]
     norm: Callable[[Any], Any] = np.max
+    options: Mapping[str, Any] = field(default_factory=dict)  #: Options of the Galerkin form.
 
 
 def _turn(dim: int, position: int) -> Any:
@@ -122,4 +123,5 @@ SCENES = [
     BoundaryScene("membrane in a ball", "resistance", BALL, _membrane(3, 1.0, 1.0)),
     BoundaryScene("two materials in a disk", "1000 to 1", DISK, _membrane(2, 1e3, 0.0)),
     BoundaryScene("crack in a square", "Neumann, rms", DISK, _crack, _rms),
+    BoundaryScene('crack, `tips="singular"`', "Neumann, rms", DISK, _crack, _rms, {"tips": "singular"}),
 ]

@@ -150,9 +150,8 @@ def solved_with_boundary(case: BoundaryScene, spacing: float, form: str, positio
     scene, exact, points = case.placed(position)
     shift = spacing * np.random.default_rng(position).uniform(0.0, 1.0, scene.surface.dim)
     try:
-        solution = ck.solve(
-            scene, spacing, form=form, origin=shift, **({"solver": "multigrid"} if form == "galerkin" else {})
-        )
+        own = {"solver": "multigrid", **case.options} if form == "galerkin" else {}
+        solution = ck.solve(scene, spacing, form=form, origin=shift, **own)
         u = exact(points)
         errors, estimate = np.abs(solution.evaluate(points) - u) / np.ptp(u), solution.error
         error = float(case.norm(errors))

@@ -30,7 +30,7 @@ FOLDED_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 1.0, 0.1
 #: Root mean square of third differences over that of errors, and largest over largest, of cells that follow the source
 #: (on 22 problems at 250 to 3,000 unknowns: 60 to 240, and 50 to 300), of flat cells (95 to 110, and 80 to 150), of
 #: cells curved from normals or folded sources (3 to 50, and 2 to 200), where boundaries end (22 to 36, and 25 to 50) or
-#: charts cut at voids (11 to 50), and where they cut at folds alone (25 to 135).
+#: charts cut at voids (11 to 50), and where they cut at folds alone or ends have singular functions (25 to 135).
 SMOOTH, FLAT, ROUGH, ENDING, FOLDED = (145.0, 175.0), (100.0, 125.0), (22.0, 29.0), (30.0, 37.0), (60.0, 75.0)
 #: The same of cells curved from normals on organic meshes from some 10,000 unknowns on (25 to 50, and 50 to 320).
 RESOLVED = (32.0, 100.0)
@@ -143,9 +143,9 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
         ratios = MIXED
     elif geometry == "normals":
         ratios = _rough_ratios(RESOLVED, (spread.unresolved_share, (0.003, 0.01)))
-    elif sampled.has_tips or sampled.has_voids:
+    elif (sampled.has_tips and not sampled.singular) or sampled.has_voids:
         ratios = ENDING
-    elif sampled.has_charts:
+    elif sampled.has_charts or sampled.has_tips:
         ratios = FOLDED
     elif geometry == "flat":
         ratios = FLAT
