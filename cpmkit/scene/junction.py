@@ -71,6 +71,7 @@ class Junction:
 class JunctionLaw(Flux):
     """No flux of its own: what flows there is added by the junction, which involves u."""
 
+    resistance: float = 0.0  #: That of the junction.
     involves_value: ClassVar[bool] = True
 
 
@@ -79,6 +80,7 @@ class JunctionSide(Condition):
     """The condition on the sides of a cut of a member, and on its edge, where one of another dimension meets it."""
 
     flux: float = 0.0
+    resistance: float = 0.0
     kind: ClassVar[str] = "junction"
     law_kind: ClassVar[type] = JunctionLaw
 

@@ -170,8 +170,7 @@ def option_refused_on(surface: ClosestPointSource, given: Mapping[str, Any]) -> 
     on = "solids" if len(dims) == 1 else "unions of several dimensions"
     reasons = {
         f"refine='off' on {on}": own["refine"] != "off",
-        "tips='extended' on unions of several dimensions and solids in space": own["tips"] != "extended"
-        and (len(dims) > 1 or surface.dim == 3),
+        "tips='extended' in solids in space": own["tips"] != "extended" and 3 in dims,
         f"samples='auto' on {on}": own["samples"] == "plain",
     }
     return next((reason for reason, holds in reasons.items() if holds), "")

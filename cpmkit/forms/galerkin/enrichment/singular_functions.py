@@ -23,6 +23,7 @@ from cpmkit.grid.lattice import Lattice, find_codes
 from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.index_sets import connected_components
+from cpmkit.scene.junction import JunctionLaw
 from cpmkit.scene.laws import Interface, Value
 from cpmkit.types import Bools, Floats, Ints
 
@@ -277,10 +278,14 @@ def functions_in_discs(
 
 
 def _kinds(boundary: BoundarySamples, conditions: Sequence[ImposedCondition]) -> Ints:
-    """Return the kind of condition (b,) at samples: FLUX, VALUE, or THROUGH for a coupling without resistance."""
+    """Return the kind of condition (b,) at samples: FLUX, VALUE, or THROUGH for a coupling without resistance.
+
+    Where a member of lower dimension ends in another one, u behaves as beside a value, but with a resistance as beside
+    a flux.
+    """
     kinds = np.full(len(boundary), FLUX)
-    for condition in conditions_with_law(conditions, Value):
-        kinds[condition.all_rows] = VALUE
+    for condition in conditions_with_law(conditions, Value, JunctionLaw):
+        kinds[condition.all_rows] = FLUX if getattr(condition.law, "resistance", 0.0) else VALUE
     for condition in conditions_with_law(conditions, Interface):
         if condition.law.resistance == 0:
             kinds[condition.all_rows] = THROUGH

@@ -19,7 +19,7 @@ from cpmkit.mesh.mixed_cells import member_dimensions
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.data import is_sequence
 from cpmkit.scene.edge_conditions import ByPosition, EdgeConditions, LoopConditions, Part, loops_of_edge
-from cpmkit.scene.junction import CONTINUOUS, JunctionSide
+from cpmkit.scene.junction import CONTINUOUS, JunctionSide, junction_of
 from cpmkit.scene.laws import Value
 from cpmkit.scene.member_data import MemberData
 from cpmkit.scene.scene import Scene
@@ -65,7 +65,8 @@ def _cuts(scene: Scene, numbers: Sequence[int]) -> list[Boundary]:
         higher, name = members[meeting.higher], f"junction {meeting.lower}"
         is_inside = meeting.how == "within" or (meeting.how == "along" and largest_dim(higher) < higher.dim)
         if meeting.higher in numbers and is_inside:
-            cuts[name] = Boundary(name, members[meeting.lower], both=JunctionSide())
+            resistance = junction_of(scene.junctions, meeting.lower, meeting.higher).resistance
+            cuts[name] = Boundary(name, members[meeting.lower], both=JunctionSide(resistance=resistance))
         if meeting.lower in numbers and meeting.how == "points":
             places.append(meeting.places)
     at = distinct_places(np.concatenate(places), scene.surface)

@@ -158,3 +158,43 @@ def test_solids_in_space_have_no_singular_functions():
     ball = ck.source("solid", of=ck.source("analytic.sphere"))
     with pytest.raises(SceneError, match="solids in space"):
         ck.discretize(ck.Scene(ball, ck.ScreenedPoisson(1.0)), 0.3, form="galerkin", tips="singular")
+
+
+def fracture(resistance, half=0.4):
+    """A conducting segment in a disc, u = Re sqrt(z^2 - a^2) in the disc without resistance."""
+
+    def u(x):
+        z = x[:, 0] + 1j * x[:, 1]
+        return (np.sqrt(z - half) * np.sqrt(z + half)).real
+
+    both = ck.source("union", members=[DISC, ck.source("analytic.segment", start=[-half, 0], end=[half, 0])])
+    problem = ck.Elliptic(diffusivity=ck.MemberData(both, [1.0, 1e7]))
+    edge = {0: ck.Dirichlet(u)}
+    return ck.Scene(both, problem, edge=edge, junctions=ck.Junction(resistance=resistance)), u
+
+
+def test_fractures_that_end_inside_are_of_order_three():
+    scene, u = fracture(0.0)
+    errors = [
+        rms(
+            ck.solve(scene, h, origin=(SHIFT * h).tolist(), tips="singular", estimate=False).evaluate(POINTS)
+            - u(POINTS)
+        )
+        for h in SPACINGS
+    ]
+    assert errors[-1] < 1e-4
+    assert np.log2(errors[0] / errors[-1]) / 2 > 2.6
+
+
+def test_values_beside_fractures_with_a_resistance_settle_sooner():
+    """There u behaves as beside a flux, and jumps."""
+    scene = fracture(1.0)[0]
+    scene = ck.Scene(scene.surface, scene.problem, edge={0: ck.Dirichlet("y")}, junctions=scene.junctions)
+
+    def values(tips, spacing):
+        return ck.solve(scene, spacing, tips=tips, estimate=False).evaluate(POINTS)
+
+    settled = values("singular", 0.025)
+    singular, extended = ([rms(values(tips, h) - settled) for h in SPACINGS] for tips in ("singular", "extended"))
+    assert singular[-1] < extended[-1] / 20
+    assert np.log2(singular[0] / singular[-1]) / 2 > 2
