@@ -218,7 +218,7 @@ class ReactionDiffusion(Evolution):
         Source, as of :class:`~cpmkit.Heat`.
     frames : int or sequence of float
         As for :class:`~cpmkit.Heat`.
-    after_step, rest, t0
+    after_step, rest, t0, capacity
         As for :class:`~cpmkit.Heat`.
 
     Raises
@@ -248,6 +248,7 @@ class ReactionDiffusion(Evolution):
     after_step: AfterStep | None = None
     rest: float | None = None
     t0: float = 0.0
+    capacity: ScalarData = 1.0
     kind: ClassVar[str] = "reaction-diffusion"
     schemes: ClassVar[tuple[str, ...]] = ("sbdf2", "euler")
 
@@ -272,7 +273,7 @@ class ReactionDiffusion(Evolution):
 
     def terms(self) -> Terms:
         """Return the terms of the spatial part of the first channel."""
-        return Terms(self.f, diffusivity=self.kappa[0])
+        return Terms(self.f, diffusivity=self.kappa[0], capacity=self.capacity)
 
     def terms_of_channels(self, channels: int) -> list[tuple[tuple[int, ...], Terms]]:
         """Return pairs (indices of channels with equal kappa, their spatial terms); all ``channels`` are in a pair."""

@@ -55,6 +55,7 @@ class Terms:
     diffusivity: Any = 1.0  #: Factor of grad u in the flux: a number, a tensor (d, d), or a function.
     velocity: VectorField | None = None  #: Velocity that transports u.
     conservative: bool = False  #: Whether the advection term is div(velocity u).
+    capacity: ScalarData = 1.0  #: Factor of u_t in equations in time.
     lumped: bool = False  #: Whether the matrix of c u is lumped, a diagonal matrix.
 
     def __str__(self) -> str:

@@ -75,7 +75,7 @@ class Evolution(Equation[TimeFamily]):
         return tuple(times)
 
     def __post_init__(self) -> None:
-        """Convert times to floats; raise InputError for wrong fields, or if kappa, c or the velocity depends on t."""
+        """Convert times to floats; raise InputError for wrong fields, or if a coefficient depends on t."""
         super().__post_init__()
         for name, accept in (("t0", number), ("until", number if self.t0 else positive), ("step", positive)):
             object.__setattr__(self, name, accept(getattr(self, name), f"{name} of {self.kind}"))
@@ -88,7 +88,7 @@ class Evolution(Equation[TimeFamily]):
             )
         if self.scheme not in self.schemes:
             raise InputError(f"scheme of {self.kind} must be {' or '.join(self.schemes)}, got {shown(self.scheme)}.")
-        for name in ("kappa", "c", "velocity"):
+        for name in ("kappa", "c", "velocity", "capacity"):
             if takes_time(getattr(self, name, None)):
                 raise InputError(
                     f"{name} of {self.kind} must not depend on t, for then every step has a system of its own; f and "
@@ -106,7 +106,7 @@ class Evolution(Equation[TimeFamily]):
 
 @dataclass(frozen=True, eq=False)
 class Heat(Evolution):
-    """u_t = div(kappa grad u) - v . grad u - c u + f with u = initial at time t0.
+    """b u_t = div(kappa grad u) - v . grad u - c u + f with u = initial at time t0 and the capacity b, by default 1.
 
     Parameters
     ----------
@@ -144,6 +144,8 @@ class Heat(Evolution):
         the root mean square of u at the start or now, whichever is larger. Later frames are left out.
     t0 : float
         Start time.
+    capacity : number or callable
+        The capacity b, above zero; in the Galerkin form. The integral of b u changes only by f, c and what flows out.
 
     Raises
     ------
@@ -175,6 +177,7 @@ class Heat(Evolution):
     after_step: AfterStep | None = None
     rest: float | None = None
     t0: float = 0.0
+    capacity: ScalarData = 1.0
     # King et al. (2024), eq. 18.
     kind: ClassVar[str] = "heat"
     schemes: ClassVar[tuple[str, ...]] = ("bdf2", "backward-euler", "crank-nicolson")
@@ -186,7 +189,8 @@ class Heat(Evolution):
             raise InputError(f"start of heat must be smooth or plain, got {shown(self.start)}.")
 
     def __str__(self) -> str:
-        return f"u_t - {str(self.terms())[1:]}"
+        factor = "" if self.capacity == 1 else "capacity "
+        return f"{factor}u_t - {str(self.terms())[1:]}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,8 +32,12 @@ class EvolvedRecord(SolutionRecord):
 
     @property
     def totals(self) -> Floats | None:
-        """Integrals (channels,) of u over the manifold, such as its heat; None in forms without exact integrals."""
-        return integrals(self.discretized, self.values)
+        """Integrals (channels,) of u, or b u with a capacity b, such as the heat; None without exact integrals."""
+        capacity: Any = self.scene.problem.terms().capacity
+        if not callable(capacity) and capacity == 1:
+            return integrals(self.discretized, self.values)
+        form: Any = self.discretized  # a Galerkin form: others refuse a capacity
+        return np.asarray((form.constant.T @ form.mass_in_time.apply(self.values))[0])
 
     def of_dimension(self, dim: int) -> Self:
         """Return the solution, and its frames, on the members of dimension ``dim``; see `SolutionRecord`."""

@@ -108,7 +108,8 @@ def _long_step_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.Histor
     if not isinstance(evolution, Heat) or evolution.velocity is None or len(history) < 2:
         return []
     points, share = _spread_points(form)
-    v = evaluate_data(evolution.velocity, points, None, "the velocity")
+    capacity = evaluate_data(evolution.capacity, points, 1, "the capacity")
+    v = evaluate_data(evolution.velocity, points, None, "the velocity") / capacity
     values, slopes = form.evaluate(plan.start.u, points), form.gradient(plan.start.u, points)
     size = np.sqrt(share @ (values - share @ values) ** 2)
     varies = size > 1e-3 * np.sqrt(share @ values**2)

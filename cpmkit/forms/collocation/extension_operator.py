@@ -155,7 +155,11 @@ def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
 
 
 def check_terms(terms: Terms) -> None:
-    """Raise SceneError, with alternatives, if the velocity of the terms is conservative, ``div(v u)``."""
+    """Raise SceneError, with alternatives, for a conservative velocity, ``div(v u)``, and for a capacity."""
+    if callable(terms.capacity) or terms.capacity != 1:
+        raise SceneError(
+            "the form 'collocation' has u_t without a capacity; divide the other terms by it, or use form='galerkin'."
+        )
     if terms.conservative:
         raise SceneError(
             "the form 'collocation' has v . grad u, not div(v u); leave `conservative` out and add div v to c, or use "

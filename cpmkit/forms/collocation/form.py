@@ -322,7 +322,8 @@ class Collocation(Reader):
 def check(scene: Scene, options: Options[CollocationOptions]) -> None:
     """Raise SceneError, with an alternative, if the form cannot discretise a term or condition of the ``scene``.
 
-    These are tensor or state-dependent diffusivities, edge conditions by position and conservative velocities.
+    These are tensor or state-dependent diffusivities, edge conditions by position, conservative velocities and
+    capacities.
     """
     other = f"{options.reason}: change one of the two" if "takes" in options.reason else "use form='galerkin'"
     needs_state = getattr(scene.problem.terms().diffusivity, "needs_state", False)

@@ -168,11 +168,18 @@ class EquationAssembly:
 
     @cached_property
     def mass_in_time(self) -> CsrOperator:
-        """M + h^2 S with the upwinding of du/dt; M is the mass matrix, S the stabilisation."""
-        matrix, advection = self.coefficients.space.projection_matrix, self.scene_advection
+        """M + h^2 S with the upwinding of b du/dt; M is the mass matrix, S the stabilisation, b the capacity.
+
+        Raises InputError if the capacity is not above zero.
+        """
+        space, advection = self.coefficients.space, self.scene_advection
+        capacity = self.coefficients.at_all_samples(self.scene.problem.terms().capacity, "the capacity")
+        if capacity.min() <= 0:
+            raise InputError(f"the capacity must be above zero everywhere, got {capacity.min():.3g}.")
+        matrix = space.projection_matrix if (capacity == 1).all() else space.stabilised_mass(capacity)
         if advection is None or not advection.upwinding.any():
             return CsrOperator(matrix, True)
-        upwinding = convection_matrix(advection.space, advection.upwinding[:, None] * advection.velocity)
+        upwinding = convection_matrix(advection.space, (advection.upwinding * capacity)[:, None] * advection.velocity)
         return CsrOperator((matrix + upwinding).tocsr())
 
     def advection(self, field: StateDependentCoefficient) -> CsrOperator:

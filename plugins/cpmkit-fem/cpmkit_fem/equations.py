@@ -45,6 +45,8 @@ class Equations(OnNodes):
             raise SceneError(f"backend='fem' takes no velocity, got the kind {kind!r} with one; use backend='cpm'.")
         if terms.lumped and self.mesh.degree == 2:
             raise InputError("a lumped mass is one of degree 1, got degree=2, whose row sums are zero; use degree=1.")
+        if callable(terms.capacity) or terms.capacity != 1:
+            raise SceneError("backend='fem' has u_t without a capacity; divide the other terms by it.")
         a, c = (
             self.data_at_points(*one)[:, 0]
             for one in ((terms.diffusivity, "the diffusivity"), (terms.c, "the factor c"))

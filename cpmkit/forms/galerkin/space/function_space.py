@@ -190,11 +190,18 @@ class FunctionSpace:
 
         The mass matrix M alone is singular, for some splines are zero at all samples; S determines them.
         """
-        data = energy.stabilisation_data(self.splines, 1.0, self.stabilisation)
-        smaller = self.dof_map.magnification(self.dof_map.patch) ** -2.0  # (h_l / h)^2
+        return self.stabilised_mass(np.ones(1))
+
+    def stabilised_mass(self, b: Floats) -> SparseMatrix:
+        """Return M + h^2 S (n, n) weighted with ``b``, (q,) at samples or (1,); see :attr:`projection_matrix`."""
+        data = energy.stabilisation_data(self.splines, b, self.stabilisation)
+        smaller = b * self.dof_map.magnification(self.dof_map.patch) ** -2.0  # (h_l / h)^2
         energy.add_ghosts(self.splines, smaller, self.stabilisation, data)
         penalty = self.extend_matrix(self.restrict_matrix(self.splines.matrix(data)), None, None)
-        return (self.mass.matrix + self.spacing**2 * penalty).tocsr()
+        if len(b) == 1:
+            return (b[0] * self.mass.matrix + self.spacing**2 * penalty).tocsr()
+        mass = self.extend_matrix(self.restrict_matrix(energy.mass(self.splines, b)), None, b)
+        return (mass + self.spacing**2 * penalty).tocsr()
 
     @cached_property
     def _compiled_projection(self) -> UnsignedCsr:
