@@ -90,6 +90,13 @@ def cross_plane(
 
 
 @compiled
+def copy_corner(corners: Floats, start: int, copies: Floats, end: int) -> None:
+    """Copy row ``start`` of ``corners`` (k, 5) to row ``end`` of ``copies`` (k, 5)."""
+    for i in range(5):
+        copies[end, i] = corners[start, i]
+
+
+@compiled
 def find_splitting_plane(piece: Floats, count: int) -> tuple[int, float]:
     """Return the axis and the coordinate of a knot plane that splits a ``piece`` (count, 5), or axis -1 for none.
 
@@ -120,14 +127,14 @@ def split_at_plane(
         following = k + 1 if k + 1 < count else 0
         here, there = piece[k, 2 + axis] - plane, piece[following, 2 + axis] - plane
         if here < 0:
-            below[lower] = piece[k]
+            copy_corner(piece, k, below, lower)
             lower += 1
         else:
-            above[upper] = piece[k]
+            copy_corner(piece, k, above, upper)
             upper += 1
         if (here < 0) != (there < 0):
             cross_plane(nodes, curved, piece[k], piece[following], axis, plane, below[lower])
-            above[upper] = below[lower]
+            copy_corner(below, lower, above, upper)
             lower, upper = lower + 1, upper + 1
     return lower, upper
 
@@ -151,9 +158,11 @@ def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> t
     piece with more than three; the edges of a piece with three corners cross any plane at most twice.
     """
     half = count // 2
-    below[: half + 1] = piece[: half + 1]
-    above[: count - half] = piece[half:count]
-    above[count - half] = piece[0]
+    for k in range(half + 1):
+        copy_corner(piece, k, below, k)
+    for k in range(half, count):
+        copy_corner(piece, k, above, k - half)
+    copy_corner(piece, 0, above, count - half)
     return half + 1, count - half + 1
 
 
@@ -255,12 +264,14 @@ def triangle_samples(
         sizes[0] = 3
         for k in range(3):
             stack[0, k, 0], stack[0, k, 1] = 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0
-            stack[0, k, 2:] = scaled[k]
+            for i in range(3):
+                stack[0, k, 2 + i] = scaled[k, i]
         waiting, splits = 1, 0
         while waiting:
             waiting -= 1
             count = sizes[waiting]
-            piece[:count] = stack[waiting, :count]
+            for k in range(count):
+                copy_corner(stack[waiting], k, piece, k)
             axis, plane = find_splitting_plane(piece, count)
             if clipped[m] and axis >= 0 and count < MOST_CORNERS and splits < MOST_SPLITS:
                 splits += 1

@@ -230,6 +230,7 @@ def add_upper_faces(components: Ints, cells: Ints, moments: Floats, geometry: Ge
         for j in range(MOMENTS if d == 2 else depth):
             moments[row, 0, j] += edge[j]
         volume = moments[row, 0, 0]
-        middle[:] = cell
+        for i in range(d):
+            middle[i] = cell[i]
         if volume < -DOUBTFUL_VOLUME or (volume < DOUBTFUL_VOLUME and is_inside(middle, c, geometry)):
             moments[row, 0, 0] += 1.0

@@ -78,7 +78,8 @@ def third_moments(corners: Floats, count: int, thirds: Floats) -> None:
         thirds[2] += part * (f * f * e + e * ff + 2 * f * ef + 2 * eff) / 60
         thirds[3] += part * (f * f * f + 3 * f * ff + 2 * fff) / 60
     if area > 0:
-        thirds /= area
+        for i in range(4):
+            thirds[i] /= area
 
 
 @compiled
@@ -214,5 +215,6 @@ def fan_rule(piece: Floats, count: int, places: Floats, shares: Floats) -> float
             places[at, 1] = piece[0, 1] + second * b + third * d
             shares[at] = part * share
     if total > 0:
-        shares[: 6 * (count - 2)] /= total
+        for at in range(6 * (count - 2)):
+            shares[at] /= total
     return total

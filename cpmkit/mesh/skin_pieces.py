@@ -165,7 +165,8 @@ def split_polygon(
             sign = 1.0 if part else -1.0
             if sign * here >= 0:
                 at = used[part]
-                parts[part, at] = polygon[k]
+                for i in range(3):
+                    parts[part, at, i] = polygon[k, i]
                 labels[part, at] = -1 if here == 0 and sign * there < 0 else sides[k]
                 used[part] += 1
         if here * there < 0:
@@ -234,13 +235,18 @@ def clip_triangles(nodes: Floats) -> tuple[Floats, Ints, Ints, Ints, Bools, Ints
         normal = np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
         size = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
         for k in range(3):
-            stack[0, k], labels[0, k] = nodes[t, k], (k + 2) % 3
+            labels[0, k] = (k + 2) % 3
+            for i in range(3):
+                stack[0, k, i] = nodes[t, k, i]
         sizes[0] = 3
         waiting = 1
         while waiting:
             waiting -= 1
             count = sizes[waiting]
-            polygon[:count], sides[:count] = stack[waiting, :count], labels[waiting, :count]
+            for k in range(count):
+                sides[k] = labels[waiting, k]
+                for i in range(3):
+                    polygon[k, i] = stack[waiting, k, i]
             axis, plane = splitting_plane(polygon, count)
             if axis >= 0:
                 if waiting + 2 > len(sizes):
@@ -262,7 +268,8 @@ def clip_triangles(nodes: Floats) -> tuple[Floats, Ints, Ints, Ints, Bools, Ints
                 corners = np.concatenate((corners, corners))
             facet[used], edges[used] = t, 0
             for k in range(count):
-                corners[total + k] = polygon[k]
+                for i in range(3):
+                    corners[total + k, i] = polygon[k, i]
                 if sides[k] >= 0:
                     edges[used] |= 1 << sides[k]
             in_face[used] = find_cell(polygon, count, normal, cells[used])

@@ -37,7 +37,7 @@ def unite(parent: Any, i: int, j: int) -> None:
 def unite_pairs(parent: Any, pairs: Any) -> None:
     """Unite the sets of the two numbers of each of ``pairs`` (t, 2), in place in ``parent`` (n,)."""
     for t in range(len(pairs)):
-        unite(parent, pairs[t, 0], pairs[t, 1])
+        unite(parent, np.int64(pairs[t, 0]), np.int64(pairs[t, 1]))
 
 
 @compiled

@@ -23,7 +23,7 @@ from cpmkit.forms.galerkin.options import Stabilisation
 from cpmkit.forms.galerkin.space.energy import add_ghosts, gradient_load, kernel_arguments, stabilisation_data
 from cpmkit.forms.galerkin.space.pattern_kernels import scatter
 from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
-from cpmkit.forms.galerkin.space.sample_kernels import row_length, second_of, slope_of, value_of
+from cpmkit.forms.galerkin.space.sample_kernels import derivatives_of, row_length
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.grid.lattice import Lattice
 from cpmkit.linear.multigrid.solver import Level
@@ -78,11 +78,11 @@ def fill_advection_forms(
         xz -= 2.0 * n0 * n2
         yz -= 2.0 * n1 * n2
     for i in range(room):
-        X, dX = value_of(splines, kind, 0, i, x), slope_of(splines, kind, 0, i, x)
-        Y, dY = value_of(splines, kind, 1, i, y), slope_of(splines, kind, 1, i, y)
-        Z, dZ = value_of(splines, kind, 2, i, z), slope_of(splines, kind, 2, i, z)
-        bend = xx * second_of(splines, kind, 0, i, x) * Y * Z + yy * X * second_of(splines, kind, 1, i, y) * Z
-        bend += zz * X * Y * second_of(splines, kind, 2, i, z)
+        X, Y, Z = derivatives_of(splines, kind, 0, i, x, y, z)
+        dX, dY, dZ = derivatives_of(splines, kind, 1, i, x, y, z)
+        ddX, ddY, ddZ = derivatives_of(splines, kind, 2, i, x, y, z)
+        bend = xx * ddX * Y * Z + yy * X * ddY * Z
+        bend += zz * X * Y * ddZ
         bend += xy * dX * dY * Z + xz * dX * Y * dZ + yz * X * dY * dZ
         forms[i] = X * Y * Z
         along_x, along_y, along_z = dX * Y * Z, X * dY * Z, X * Y * dZ

@@ -208,7 +208,8 @@ def _rims_around(rims: Floats, normals: Floats, centre: Floats, normal: Floats, 
             cosine += normals[r, axis] * normal[axis]
         if square <= reach * reach and cosine > HIDING_COSINE:
             for end in range(2):
-                near[count, end] = rims[r, end] - centre
+                for axis in range(rims.shape[2]):
+                    near[count, end, axis] = rims[r, end, axis] - centre[axis]
             count += 1
     return near[:count]
 

@@ -133,7 +133,8 @@ def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
     the vertices of the mesh cells after cutting.
     """
     cell = np.ascontiguousarray(cell, dtype=np.int32)
-    root, vertex, holder = join_samples(code, np.ascontiguousarray(corners), cell, int(corners.max()) + 1)
+    contacts = np.ascontiguousarray(corners, dtype=np.int32)
+    root, vertex, holder = join_samples(code, contacts, cell, int(corners.max()) + 1)
     roots = np.flatnonzero(root == np.arange(len(root)))
     roots = roots[np.argsort(code[roots], kind="stable")]
     numbers = np.empty(len(root), dtype=np.int32)
@@ -182,7 +183,8 @@ def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
 def with_double_room(values: Any) -> Any:
     """Return a copy of ``values`` (k,) with room for 2 k, for kernels that append to it; the rest is not filled."""
     more = np.empty(2 * len(values), dtype=values.dtype)
-    more[: len(values)] = values
+    for i in range(len(values)):
+        more[i] = values[i]
     return more
 
 
@@ -210,7 +212,9 @@ def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[
     """
     q, k = len(code), contacts.shape[1]
     parent, first = np.empty(q, dtype=np.int32), np.empty(vertices, dtype=np.int32)
-    parent[:], first[:] = np.arange(q), -1
+    for i in range(q):
+        parent[i] = i
+    first[:] = -1
     after, holder = np.empty(vertices + 1, dtype=np.int32), np.empty(vertices + 1, dtype=np.int32)
     vertex = np.empty(vertices + 1, dtype=np.int32)
     used = 0  # slots; the next slot of the same vertex is ``after``, or -1
@@ -224,7 +228,7 @@ def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[
             while slot >= 0 and code[holder[slot]] != code[i]:
                 slot = after[slot]
             if slot >= 0:
-                unite(parent, holder[slot], i)
+                unite(parent, np.int64(holder[slot]), i)
                 continue
             if used == len(after):
                 after, holder, vertex = with_double_room(after), with_double_room(holder), with_double_room(vertex)

@@ -41,7 +41,8 @@ def fill_newton_steps(tangents, bending, force, stride, step, length):
             square += step[i, k] * step[i, k]
         length[i] = math.sqrt(square)
         if length[i] > stride:
-            step[i] *= stride / length[i]
+            for k in range(d):
+                step[i, k] *= stride / length[i]
 
 
 @inlined
@@ -96,7 +97,8 @@ def keep_nearer_trials(x, y, best, moved, rows, trial, on, noise):
             change = trial[i, k] - y[row, k]
             gain += change * (change - 2 * (x[row, k] - y[row, k]))
         if on[i] and gain <= noise[row]:
-            best[row] = trial[i]
+            for k in range(x.shape[1]):
+                best[row, k] = trial[i, k]
             moved[row] = True
         else:
             rows[left] = row

@@ -73,7 +73,8 @@ def correct_points(q, done, rows, values, gradients, reach, least):
     left = 0
     for i, row in enumerate(rows):
         if length[i] <= reach:  # False for NaN
-            q[row] -= step[i]
+            for k in range(q.shape[1]):
+                q[row, k] -= step[i, k]
             if length[i] > least:
                 rows[left] = row
                 left += 1

@@ -135,7 +135,8 @@ def keep_nearest(points, best, rows, feet, distance):
     for p, i in enumerate(rows):
         if distance[p] < best[i]:
             best[i] = distance[p]
-            points[i] = feet[p]
+            for k in range(points.shape[1]):
+                points[i, k] = feet[p, k]
 
 
 @inlined

@@ -29,19 +29,22 @@ def build_boxes(lower, upper):
     boxes = np.empty((2 * m, 6))
     nodes = np.zeros((2 * m, 2), dtype=np.int64)
     pending = np.empty((2 * STACK_NODES, 4), dtype=np.int64)
-    pending[0] = (0, 0, m, 0)
+    pending[0, 0], pending[0, 1], pending[0, 2], pending[0, 3] = 0, 0, m, 0
     used, waiting = 1, 1
     while waiting:
         waiting -= 1
-        node, start, stop, depth = pending[waiting]
+        node, start, stop = pending[waiting, 0], pending[waiting, 1], pending[waiting, 2]
+        depth = pending[waiting, 3]
         _write_bounding_box(lower, upper, order, start, stop, boxes[node])
         if stop - start <= LEAF_PRIMITIVES:
-            nodes[node] = (stop - start, start)
+            nodes[node, 0], nodes[node, 1] = stop - start, start
             continue
         middle = _split_primitives(lower, upper, order, start, stop, depth)
-        nodes[node] = (0, used)
-        pending[waiting] = (used, start, middle, depth + 1)
-        pending[waiting + 1] = (used + 1, middle, stop, depth + 1)
+        nodes[node, 0], nodes[node, 1] = 0, used
+        for half in range(2):
+            pending[waiting + half, 0], pending[waiting + half, 3] = used + half, depth + 1
+            pending[waiting + half, 1] = middle if half else start
+            pending[waiting + half, 2] = stop if half else middle
         waiting += 2
         used += 2
     return boxes[:used].copy(), nodes[:used].astype(np.uint64), order
@@ -85,7 +88,12 @@ def _split_primitives(lower, upper, order, start, stop, depth):
         return half
     if depth >= HALVING_DEPTH:
         part = order[start:stop].copy()
-        order[start:stop] = part[np.argsort(lower[part, axis] + upper[part, axis])]
+        twice_centres = np.empty(len(part))
+        for i in range(len(part)):
+            twice_centres[i] = lower[part[i], axis] + upper[part[i], axis]
+        ascending = np.argsort(twice_centres)
+        for i in range(len(part)):
+            order[start + i] = part[ascending[i]]
         return half
     middle = start
     for i in range(start, stop):

@@ -116,12 +116,14 @@ def _search_foot(x, y, j, cloud, tiny):
         if square == 0.0:
             # Half way back again and again; in the end to the last place itself, and the sample that reached it.
             for _ in range(STEP_HALVINGS):
-                y[:] = 0.5 * (y + last)
+                for i in range(3):
+                    y[i] = 0.5 * (y[i] + last[i])
                 j = nearest_sample(y, j, cloud)
                 f, gx, gy, gz, _, _, _ = evaluate_blend(y, j, cloud)
                 if gx * gx + gy * gy + gz * gz > 0.0:
                     return j, False
-            y[:] = last
+            for i in range(3):
+                y[i] = last[i]
             return last_sample, False
         last[0], last[1], last[2], last_sample = y[0], y[1], y[2], j
         sx, sy, sz = _tangential_step(x, y, gx, gy, gz, j, cloud)
@@ -177,7 +179,8 @@ def _move_to_rim(y, j, cloud, tiny):
             high, at_high, low = low, at_low, low - pace
         else:
             low, at_low, high = high, at_high, high + pace
-        y[:] = start + (low if at_high > 0.0 else high) * away
+        for i in range(3):
+            y[i] = start[i] + (low if at_high > 0.0 else high) * away[i]
         j = _move_to_surface(y, j, cloud, tiny)
         if at_high > 0.0:
             at_low = _distance_beyond_rim(y, j, cloud)
@@ -188,7 +191,8 @@ def _move_to_rim(y, j, cloud, tiny):
     side = 0
     for _ in range(FALSE_POSITION_ROUNDS):
         middle = low if at_high == at_low else (low * at_high - high * at_low) / (at_high - at_low)
-        y[:] = start + middle * away
+        for i in range(3):
+            y[i] = start[i] + middle * away[i]
         j = _move_to_surface(y, j, cloud, tiny)
         value = _distance_beyond_rim(y, j, cloud)
         if abs(value) <= ON_RIM_ACCURACY or high - low <= tiny:
@@ -240,18 +244,22 @@ def fill_feet(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge,
     points = cloud[0]
     y = np.empty(3)
     for k in range(start, stop):
-        y[:] = points[nearest[k]]
+        for i in range(3):
+            y[i] = points[nearest[k], i]
         j, converged = _search_foot(x[k], y, nearest[k], cloud, tiny)
         if not converged and closed:
             j = nearest[k]
-            y[:] = points[j]
+            for i in range(3):
+                y[i] = points[j, i]
         j = _move_to_surface(y, j, cloud, tiny)
         beyond = _distance_beyond_rim(y, j, cloud)
         if not closed and beyond > ON_RIM_ACCURACY:
             j = _move_along_rim(x[k], y, j, cloud, tiny)
             beyond, converged = _distance_beyond_rim(y, j, cloud), True
         edge[k] = 0 if not closed and beyond > -ON_RIM_ACCURACY else -1
-        foot[k], element[k], doubtful[k] = y, j, not converged or beyond > ON_RIM_ACCURACY
+        element[k], doubtful[k] = j, not converged or beyond > ON_RIM_ACCURACY
+        for i in range(3):
+            foot[k, i] = y[i]
 
 
 @compiled

@@ -322,5 +322,6 @@ def nearest_of_group(points: Floats, group: Ints, starts: Ints, candidates: Floa
                 square += (candidates[k, i] - points[q, i]) ** 2
             if square < best:
                 best = square
-                found[q] = candidates[k]
+                for i in range(points.shape[1]):
+                    found[q, i] = candidates[k, i]
     return found

@@ -18,14 +18,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.space.pattern_kernels import scatter
 from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
-from cpmkit.forms.galerkin.space.sample_kernels import (
-    derivative_of,
-    row_length,
-    second_of,
-    slope_of,
-    splines_read,
-    value_of,
-)
+from cpmkit.forms.galerkin.space.sample_kernels import derivatives_of, row_length, splines_read
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Floats, Ints
 
@@ -40,8 +33,7 @@ def fill_value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, 
     """Fill two rows of ``forms`` with the splines at (x, y, z), then times ``weight``, as `fill_sample_forms` does."""
     room = row_length(splines)
     for i in range(room):
-        X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
-        Z = value_of(splines, kind, 2, i, z)
+        X, Y, Z = derivatives_of(splines, kind, 0, i, x, y, z)
         forms[i] = X * Y * Z
         forms[room + i] = weight * (X * Y * Z)
 
@@ -53,16 +45,11 @@ def fill_second_form(
     """Fill two rows with second derivatives along ``n``, then times ``weight``; arguments as of `fill_sample_forms`."""
     room, (nx, ny, nz) = row_length(splines), n
     for i in range(room):
-        X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
-        Z = value_of(splines, kind, 2, i, z)
-        dX = nx * slope_of(splines, kind, 0, i, x)
-        dY = ny * slope_of(splines, kind, 1, i, y)
-        dZ = nz * slope_of(splines, kind, 2, i, z)
-        form = (
-            nx * nx * second_of(splines, kind, 0, i, x) * Y * Z
-            + ny * ny * X * second_of(splines, kind, 1, i, y) * Z
-            + nz * nz * X * Y * second_of(splines, kind, 2, i, z)
-        )
+        X, Y, Z = derivatives_of(splines, kind, 0, i, x, y, z)
+        dX, dY, dZ = derivatives_of(splines, kind, 1, i, x, y, z)
+        dX, dY, dZ = nx * dX, ny * dY, nz * dZ
+        ddX, ddY, ddZ = derivatives_of(splines, kind, 2, i, x, y, z)
+        form = nx * nx * ddX * Y * Z + ny * ny * X * ddY * Z + nz * nz * X * Y * ddZ
         form += 2.0 * (dX * dY * Z + dX * Y * dZ + X * dY * dZ)
         forms[i] = form
         forms[room + i] = weight * form
@@ -89,10 +76,9 @@ def fill_sample_forms(
     room, (x, y, z), (nx, ny, nz) = row_length(splines), place, n
     xx, xy, xz, yy, yz, zz = tensor
     for i in range(room):
-        X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
-        Z = value_of(splines, kind, 2, i, z)
-        dX, dY = slope_of(splines, kind, 0, i, x), slope_of(splines, kind, 1, i, y)
-        dZ = slope_of(splines, kind, 2, i, z)
+        X, Y, Z = derivatives_of(splines, kind, 0, i, x, y, z)
+        dX, dY, dZ = derivatives_of(splines, kind, 1, i, x, y, z)
+        ddX, ddY, ddZ = derivatives_of(splines, kind, 2, i, x, y, z)
         along_x, along_y, along_z = dX * Y * Z, X * dY * Z, X * Y * dZ
         forms[i] = along_x
         forms[room + i] = xx * along_x + xy * along_y + xz * along_z
@@ -100,11 +86,7 @@ def fill_sample_forms(
         forms[3 * room + i] = xy * along_x + yy * along_y + yz * along_z
         forms[4 * room + i] = along_z
         forms[5 * room + i] = xz * along_x + yz * along_y + zz * along_z
-        bend = (
-            nx * nx * second_of(splines, kind, 0, i, x) * Y * Z
-            + ny * ny * X * second_of(splines, kind, 1, i, y) * Z
-            + nz * nz * X * Y * second_of(splines, kind, 2, i, z)
-        )
+        bend = nx * nx * ddX * Y * Z + ny * ny * X * ddY * Z + nz * nz * X * Y * ddZ
         bend += 2.0 * (nx * dX * (ny * dY) * Z + nx * dX * Y * (nz * dZ) + X * (ny * dY) * (nz * dZ))
         forms[6 * room + i] = bend
         forms[7 * room + i] = second_weight * bend
@@ -119,17 +101,15 @@ def fill_third_form(
     """Fill two rows with third derivatives along ``n``, then times ``weight``; arguments as of `fill_sample_forms`."""
     room, (nx, ny, nz) = row_length(splines), n
     for i in range(room):
-        X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
-        Z = value_of(splines, kind, 2, i, z)
-        dX = nx * slope_of(splines, kind, 0, i, x)
-        dY = ny * slope_of(splines, kind, 1, i, y)
-        dZ = nz * slope_of(splines, kind, 2, i, z)
-        ddX = nx * nx * second_of(splines, kind, 0, i, x)
-        ddY = ny * ny * second_of(splines, kind, 1, i, y)
-        ddZ = nz * nz * second_of(splines, kind, 2, i, z)
-        form = nx * nx * nx * derivative_of(splines, kind, 0, 3, i, x) * Y * Z
-        form += ny * ny * ny * X * derivative_of(splines, kind, 1, 3, i, y) * Z
-        form += nz * nz * nz * X * Y * derivative_of(splines, kind, 2, 3, i, z) + 6.0 * dX * dY * dZ
+        X, Y, Z = derivatives_of(splines, kind, 0, i, x, y, z)
+        dX, dY, dZ = derivatives_of(splines, kind, 1, i, x, y, z)
+        dX, dY, dZ = nx * dX, ny * dY, nz * dZ
+        ddX, ddY, ddZ = derivatives_of(splines, kind, 2, i, x, y, z)
+        ddX, ddY, ddZ = nx * nx * ddX, ny * ny * ddY, nz * nz * ddZ
+        third_x, third_y, third_z = derivatives_of(splines, kind, 3, i, x, y, z)
+        form = nx * nx * nx * third_x * Y * Z
+        form += ny * ny * ny * X * third_y * Z
+        form += nz * nz * nz * X * Y * third_z + 6.0 * dX * dY * dZ
         form += 3.0 * (ddX * (dY * Z + Y * dZ) + ddY * (dX * Z + X * dZ) + ddZ * (dX * Y + X * dY))
         forms[i] = form
         forms[room + i] = weight * form

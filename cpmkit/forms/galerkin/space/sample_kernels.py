@@ -23,27 +23,44 @@ from cpmkit.types import Floats, Ints
 SPLINES = {degree: (0,) * (degree + 1) for degree in DEGREES}
 
 
-def _polynomials() -> Floats:
-    """Return the polynomials in t (3, 2, 3, 4, 4, 64) of the splines that a cell reads, and of their derivatives.
+def _pieces() -> Floats:
+    """Return the polynomials in t (3, 2, 4, 4) of the splines that a cell reads along an axis, and of their slopes.
 
-    The axes are: the degree less 1; plane or space; the coordinate axis; the order of the derivative; the coefficients,
-    that of 1 first; the number of the spline in the cell.
+    The axes are: the degree less 1; the order of the derivative; the coefficients, that of 1 first; the spline.
     """
-    table = np.zeros((len(DEGREES), 2, 3, 4, 4, 64))
+    table = np.zeros((len(DEGREES), 2, 4, 4))
     for degree in DEGREES:
-        pieces, width = spline_pieces(degree).T, degree + 1
-        for d in (2, 3):
-            digits = np.indices((width,) * d).reshape(d, -1)
-            for axis in range(d):
-                for order in range(4):
-                    own = np.polynomial.polynomial.polyder(pieces, order)
-                    table[degree - 1, d - 2, axis, order, : len(own), : width**d] = own[:, digits[axis]]
-        table[degree - 1, 0, 2, 0, 0, : width**2] = 1.0
+        for order in range(2):
+            own = np.polynomial.polynomial.polyder(spline_pieces(degree).T, order)
+            table[degree - 1, order, : len(own), : degree + 1] = own
     return table
 
 
-#: A constant of the kernels: the compiler knows that no store changes it, and vectorises loops over it.
-POLYNOMIALS = _polynomials()
+def _polynomials() -> Floats:
+    """Return a row (76, 64) of coefficients for each degree, factor, order of the derivative, and power of t.
+
+    Columns are the splines that a cell reads. Factors are those along the three axes in space, of which the last two
+    are those of the plane, and then 1, the third factor in the plane. Powers and orders ascend, the latter up to the
+    degree. So few rows because each kernel that reads the table contains it, and is compiled with it.
+    """
+    rows = []
+    for degree in DEGREES:
+        width = degree + 1
+        digits = np.indices((width,) * 3).reshape(3, -1)
+        for factor in range(4):
+            for order in range(width):
+                own = np.zeros((width - order, 64))
+                if factor < 3:
+                    pieces = np.polynomial.polynomial.polyder(spline_pieces(degree).T, order)
+                    own[:, : width**3] = pieces[:, digits[factor]]
+                elif order == 0:
+                    own[0, : width**2] = 1.0
+                rows.append(own)
+    return np.concatenate(rows)
+
+
+#: Constants of the kernels: the compiler knows that no store changes them, and vectorises loops over them.
+PIECES, POLYNOMIALS = _pieces(), _polynomials()
 
 
 @inlined
@@ -59,41 +76,32 @@ def row_length(splines: Any) -> int:
 
 
 @inlined
-def derivative_of(splines: Any, kind: int, axis: int, order: int, i: int, t: float) -> Any:
-    """Return the derivative of ``order`` 0 to 3 at ``t`` of the factor along ``axis`` of spline ``i`` of a cell.
+def derivatives_of(
+    splines: Any, kind: int, order: int, i: int, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """Return the derivatives of ``order`` 0 to 3 at (x, y, z) of the three factors of spline ``i`` of a cell.
 
-    ``t`` in [0, 1] is the coordinate in the cell, and derivatives are by it; ``kind`` is 0 in the plane and 1 in space;
-    the length of the tuple ``splines`` is the degree plus one.
+    x, y and z in [0, 1] are coordinates in the cell, and derivatives are by them; ``kind`` is 0 in the plane and 1 in
+    space; the length of the tuple ``splines`` is the degree plus one.
     """
-    T, p, last = POLYNOMIALS, len(splines) - 2, max(len(splines) - 1 - order, 0)
-    value = T[p, kind, axis, order, last, i]
-    for k in range(last):
-        value = T[p, kind, axis, order, last - 1 - k, i] + t * value
-    return value
-
-
-@inlined
-def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return the value at ``t`` of the factor along ``axis`` of spline ``i``; arguments as of `derivative_of`."""
-    return derivative_of(splines, kind, axis, 0, i, t)
-
-
-@inlined
-def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return the derivative at ``t`` of the factor along ``axis`` of spline ``i``; arguments as of `derivative_of`."""
-    return derivative_of(splines, kind, axis, 1, i, t)
-
-
-@inlined
-def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return the second derivative at ``t`` of the factor along ``axis`` of spline ``i``, as `derivative_of` does."""
-    return derivative_of(splines, kind, axis, 2, i, t)
+    width = len(splines)
+    if order >= width:
+        return 0.0, 0.0, 0.0
+    each, last = width * (width + 1) // 2, width - 1 - order
+    first = 4 * ((width - 1) * each // 3 - 1) + (1 - kind) * each + order * width - order * (order - 1) // 2
+    second, third = first + each, first + 2 * each
+    X, Y, Z = POLYNOMIALS[first + last, i], POLYNOMIALS[second + last, i], POLYNOMIALS[third + last, i]
+    for k in range(last - 1, -1, -1):
+        X = POLYNOMIALS[first + k, i] + x * X
+        Y = POLYNOMIALS[second + k, i] + y * Y
+        Z = POLYNOMIALS[third + k, i] + z * Z
+    return X, Y, Z
 
 
 @inlined
 def fill_spline_values(t: float, width: int, values: Floats) -> None:
     """Fill ``values`` (width,) with the values at ``t`` of the splines of degree width - 1 on a cell, along an axis."""
-    T = POLYNOMIALS[width - 2, 0, 1, 0]
+    T = PIECES[width - 2, 0]
     for i in range(width):
         values[i] = T[0, i] + t * (T[1, i] + t * (T[2, i] + t * T[3, i]))
 
@@ -101,7 +109,7 @@ def fill_spline_values(t: float, width: int, values: Floats) -> None:
 @inlined
 def fill_spline_slopes(t: float, width: int, slopes: Floats) -> None:
     """Fill ``slopes`` (width,) with the derivatives at ``t`` of the splines of degree width - 1 on a cell."""
-    T = POLYNOMIALS[width - 2, 0, 1, 1]
+    T = PIECES[width - 2, 1]
     for i in range(width):
         slopes[i] = T[0, i] + t * (T[1, i] + t * T[2, i])
 
