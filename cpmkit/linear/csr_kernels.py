@@ -142,7 +142,8 @@ def sweep_backward(pointers: Any, columns: Any, entries: Any, inverse: Floats, r
     unit = np.uint64(1)
     for channel in range(len(x)):
         values, left = x[channel], rest[channel]
-        move = np.zeros(len(inverse))
+        move = np.empty(len(inverse))
+        move[:] = 0.0
         for i in range(len(inverse) - 1, -1, -1):
             first, stop = pointers[i] + unit, pointers[i + 1]
             here = left[i] - _row_product(first, stop, columns, entries, move)

@@ -172,18 +172,27 @@ def quadrature(
 
 def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[Samples]:
     """Yield the samples of `TRIANGLES_AT_ONCE` triangles at a time; arguments as of :func:`quadrature`."""
-    from cpmkit.mesh.clipping_kernels import triangle_samples
+    from cpmkit.mesh.clipping_kernels import MOST_CORNERS, fill_samples
 
     spacing, cells = 1.0 if clipped_at is None else float(clipped_at), mesh.cells
     midpoints = np.empty((len(cells), 0, 3)) if mesh.midpoints is None else mesh.midpoints
     if clipped is None or clipped_at is None:
         clipped = np.full(len(mesh.cells), clipped_at is not None)
     limits = np.zeros(len(mesh.cells)) if clipped_at is None else one_point_limits(mesh, spacing)
-    for start in range(0, max(len(cells), 1), TRIANGLES_AT_ONCE):
+    room, pieces, start = 16 * TRIANGLES_AT_ONCE, 64, 0
+    while True:
         rows = slice(start, start + TRIANGLES_AT_ONCE)
         nodes = np.concatenate([mesh.vertices[cells[rows]], midpoints[rows]], axis=1)
-        points, weights, normals, cell = triangle_samples(nodes, spacing, clipped[rows], limits[rows], fine)
-        yield Samples(points, weights, normals, cell + np.int32(start))
+        arrays = np.empty((room, 3)), np.empty(room), np.empty((room, 1, 3)), np.empty(room, dtype=np.int32)
+        stack = np.empty((pieces, MOST_CORNERS + 2, 5))
+        used, done = fill_samples(nodes, spacing, clipped[rows], limits[rows], fine, *arrays, stack)
+        arrays[3][:used] += start
+        yield Samples(*(array[:used] for array in arrays))
+        start += done
+        if start == len(cells):
+            return
+        if done == 0:  # the arrays are too small for one triangle
+            room, pieces = 2 * room, 2 * pieces
 
 
 def _concatenate(parts: Iterable[Samples]) -> Samples:

@@ -232,10 +232,19 @@ def clamp_to_cell(place: float, cell: float) -> float:
 
 
 @compiled
-def triangle_samples(
-    nodes: Floats, spacing: float, clipped: Bools, single: Floats, fine: bool
-) -> tuple[Floats, Floats, Floats, Any]:
-    """Return the points (q, 3), weights (q,), unit normals (q, 1, 3) and triangle numbers (q,) of quadrature points.
+def fill_samples(
+    nodes: Floats,
+    spacing: float,
+    clipped: Bools,
+    single: Floats,
+    fine: bool,
+    points: Floats,
+    weights: Floats,
+    normals: Floats,
+    triangle: Any,
+    stack: Floats,
+) -> tuple[int, int]:
+    """Fill in the quadrature points of the first triangles for which there is room; return the numbers of both.
 
     ``nodes`` (m, 3 or 6, 3): corners of the triangles, then the midpoints of curved ones, each opposite to a corner.
     ``spacing``: h: knot planes lie at (k + 1/2) h.
@@ -243,18 +252,19 @@ def triangle_samples(
         1/6, 1/6), or their centroid.
     ``single`` (m,): pieces, or whole triangles, get one point if area times squared length, in spacings, is below this.
     ``fine``: whether all pieces get a rule of degree 4 with six points on each triangle of their fan.
+    ``points``, ``weights``, ``normals``, ``triangle`` (q, 3), (q,), (q, 1, 3), (q,): filled in; unit normals, and the
+        numbers of triangles.
+    ``stack`` (s, `MOST_CORNERS` + 2, 5): work space for the pieces of a triangle that may be split further.
     """
     curved = nodes.shape[1] == 6
-    points, weights, normals = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS), np.empty((MOST_POINTS, 1, 3))
-    triangle = np.empty(MOST_POINTS, dtype=np.int32)
-    stack, sizes = np.empty((8, MOST_CORNERS + 2, 5)), np.empty(8, dtype=np.int64)
-    piece = np.empty((MOST_CORNERS + 2, 5))
+    sizes, piece = np.empty(len(stack), dtype=np.int64), np.empty((MOST_CORNERS + 2, 5))
     corners, shares = np.empty((MOST_CORNERS + 2, 2)), np.empty(MOST_POINTS)
     places, first, second, point = np.empty((MOST_POINTS, 2)), np.empty(3), np.empty(3), np.empty(3)
     scaled, cell = np.empty(nodes.shape[1:]), np.empty(3)
     frame, thirds, normal, across = np.empty(5), np.empty(4), np.empty(3), 0.0
     used = 0
     for m in range(len(nodes)):
+        before = used
         for k in range(len(scaled)):
             for i in range(3):
                 scaled[k, i] = nodes[m, k, i] / spacing
@@ -276,7 +286,7 @@ def triangle_samples(
             if clipped[m] and axis >= 0 and count < MOST_CORNERS and splits < MOST_SPLITS:
                 splits += 1
                 if waiting + 2 > len(sizes):
-                    stack, sizes = np.concatenate((stack, stack)), np.concatenate((sizes, sizes))
+                    return before, m
                 below, above = stack[waiting], stack[waiting + 1]
                 if crosses_twice(piece, count, axis, plane):
                     lower, upper = split_at_plane(scaled, curved, piece, count, axis, plane, below, above)
@@ -295,8 +305,7 @@ def triangle_samples(
                 continue
             lattice_cell(piece, count, cell)
             if used + taken > len(weights):
-                points, weights = np.concatenate((points, points)), np.concatenate((weights, weights))
-                normals, triangle = np.concatenate((normals, normals)), np.concatenate((triangle, triangle))
+                return before, m
             for k in range(taken):
                 evaluate_position(scaled, curved, places[k, 0], places[k, 1], point)
                 if curved:
@@ -308,4 +317,4 @@ def triangle_samples(
                     points[used, i] = spacing * (clamp_to_cell(point[i], cell[i]) if clipped[m] else point[i])
                 triangle[used] = m
                 used += 1
-    return points[:used].copy(), weights[:used].copy(), normals[:used].copy(), triangle[:used].copy()
+    return used, len(nodes)

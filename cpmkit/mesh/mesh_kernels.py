@@ -25,8 +25,8 @@ def number_triangle_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
 
     Edges have the lower vertex first, and the order of their first occurrence in ``cells`` (m, 3).
     """
-    head = np.full(count, -1, np.int64)
-    following = np.empty(3 * len(cells), np.int64)
+    head, following = np.empty(count, np.int64), np.empty(3 * len(cells), np.int64)
+    head[:] = -1
     ends = np.empty((3 * len(cells), 2), np.int64)
     of_cells = np.empty((len(cells), 3), np.int64)
     edge_count = 0
@@ -54,8 +54,10 @@ def join_corners(cells: Ints, of_cells: Ints, barred: Bools) -> Ints:
     The corners at both ends of an edge are connected across it, except over edges that are ``barred`` (e,). ``cells``
     (m, 3) are triangles, ``of_cells`` (m, 3) the edges opposite to their corners.
     """
-    parent = np.arange(3 * len(cells))
-    first = np.full(len(barred), -1, np.int64)
+    parent, first = np.empty(3 * len(cells), np.int64), np.empty(len(barred), np.int64)
+    first[:] = -1
+    for place in range(3 * len(cells)):
+        parent[place] = place
     for place in range(3 * len(cells)):
         cell, corner = place // 3, place % 3
         edge = of_cells[cell, corner]
@@ -83,9 +85,11 @@ def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
     below ``count``, of the facets opposite to each corner of ``cells`` (m, k).
     """
     m, k = facets.shape
-    first, times, total = np.full(count, -1), np.zeros(count, np.int32), np.zeros(count, np.int32)
-    parent, sign = np.arange(m), np.ones(m, np.int8)
+    first, times, total = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    first[:], times[:], total[:] = -1, 0, 0
+    parent, sign, orientation = np.empty(m, np.int64), np.empty(m, np.int8), np.empty(m, np.int8)
     for cell in range(m):
+        parent[cell], sign[cell] = cell, 1
         for j in range(k):
             facet = facets[cell, j]
             other = first[facet]
@@ -98,7 +102,6 @@ def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
             if a != b:
                 parent[a] = b
                 sign[a] = a_sign * b_sign * relative
-    orientation = np.empty(m, np.int8)
     for cell in range(m):
         orientation[cell] = _signed_root(parent, sign, cell)[1]
         for j in range(k):
@@ -148,7 +151,9 @@ def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance:
     ``vertices`` (v, d): positions. ``order`` (v,): numbers of the vertices by ascending ``along``. ``along`` (v,):
     coordinates of the vertices along a unit vector: only vertices within ``tolerance`` in these are compared.
     """
-    parent = np.arange(len(vertices))
+    parent = np.empty(len(vertices), np.int64)
+    for vertex in range(len(vertices)):
+        parent[vertex] = vertex
     for i in range(len(order)):
         vertex = order[i]
         for j in range(i + 1, len(order)):

@@ -86,7 +86,8 @@ def inverse_index(values: Any, n: int) -> tuple[Ints, Any]:
     Returned ``starts`` (n + 1,): the positions of i are ``places[starts[i] : starts[i + 1]]``, ascending.
     Returned ``places`` (k,) of the type of ``values``: positions in ``values``.
     """
-    starts = np.zeros(n + 1, dtype=np.int64)
+    starts = np.empty(n + 1, dtype=np.int64)
+    starts[:] = 0
     for value in values:
         starts[value + 1] += 1
     for i in range(n):

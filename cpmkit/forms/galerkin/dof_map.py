@@ -266,7 +266,9 @@ def number_unknowns(cells: Ints, touching: Any, single: Bools, along: int) -> tu
     """
     p, d = cells.shape
     width = along**d
-    parent = np.arange(p * width)
+    parent = np.empty(p * width, dtype=np.int64)
+    for place in range(p * width):
+        parent[place] = place
     depth = along if d == 3 else 1
     for t in range(len(touching)):
         a, b = touching[t, 0], touching[t, 1]

@@ -50,8 +50,11 @@ class SheetSeparation:
         offsets = self.mesh.vertices[ends] - points[:, None]
         farthest = np.where(ends >= 0, np.sqrt((offsets**2).sum(axis=2)), 0.0).max(axis=1)
         reach = PATH_FACTOR * (farthest + self.spacing)
-        graph, arguments = self._vertex_graph, (points, self.mesh.cells[cells], group, ends, reach, self.mesh.vertices)
-        lengths = path_lengths_to_corners(*arguments, graph.indptr, graph.indices, graph.data)
+        order = np.argsort(ends, axis=None, kind="stable")
+        order = order[np.count_nonzero(ends < 0) :]  # -1 comes first
+        lengths = np.where(group < 0, np.inf, 0.0)
+        graph, arguments = self._vertex_graph, (points, self.mesh.cells[cells], group, ends, order, reach)
+        add_path_lengths(*arguments, self.mesh.vertices, graph.indptr, graph.indices, graph.data, lengths)
         return lengths, LONGER_SPACINGS * self.spacing
 
     @cached_property
@@ -80,16 +83,22 @@ def group_touching_patches(patches: Ints, pairs: Ints, count: int) -> Ints:
     of patches that touch, first < second; ``count`` is the number of patches.
     """
     rows, width = patches.shape
-    group = np.empty((rows, width), dtype=np.int64)
+    group, parent = np.empty((rows, width), dtype=np.int64), np.empty(width, dtype=np.int64)
     for row in range(rows):
-        parent = np.arange(width)
+        for j in range(width):
+            parent[j] = j
         for j in range(width):
             for i in range(j):
                 first, second = min(patches[row, i], patches[row, j]), max(patches[row, i], patches[row, j])
                 if find_root(parent, i) != find_root(parent, j):
-                    code = first * count + second
-                    at = np.searchsorted(pairs, code)
-                    if first == second or (at < len(pairs) and pairs[at] == code):
+                    code, low, high = first * count + second, 0, len(pairs)
+                    while low < high:
+                        middle = (low + high) // 2
+                        if pairs[middle] < code:
+                            low = middle + 1
+                        else:
+                            high = middle
+                    if first == second or (low < len(pairs) and pairs[low] == code):
                         unite(parent, i, j)
         for j in range(width):
             group[row, j] = find_root(parent, j)
@@ -97,37 +106,36 @@ def group_touching_patches(patches: Ints, pairs: Ints, count: int) -> Ints:
 
 
 @compiled
-def path_lengths_to_corners(
+def add_path_lengths(
     points: Floats,
     cells: Ints,
     group: Ints,
     ends: Ints,
+    order: Ints,
     reach: Floats,
     vertices: Floats,
     starts: Ints,
     others: Ints,
     steps: Floats,
-) -> Floats:
-    """Return the total length (k, q) of the shortest paths from ``points`` (k, d) over the cells of a group to ends.
+    lengths: Floats,
+) -> None:
+    """Add to ``lengths`` (k, q) those of the shortest paths from ``points`` (k, d) over the cells of a group to ends.
 
-    All cells of a group have the same length; the length of cells left out, of group -1, is infinite. ``cells``
-    (k, q, c) are the corners of the cells near each point among ``vertices`` (n, d), ``ends`` (k, c) the vertices at
-    which its paths end, -1 for none. Paths longer than ``reach`` (k,) count as infinite. The neighbours of each vertex
-    over edges are in compressed rows, ``starts`` (n + 1,) and ``others`` (2 e,), with the lengths ``steps`` (2 e,) of
-    the edges. Paths are followed from each end, once for all points whose paths end there.
+    All cells of a ``group`` (k, q) have the same length. ``cells`` (k, q, c) are the corners of the cells near each
+    point among ``vertices`` (n, d), ``ends`` (k, c) the vertices at which its paths end, -1 for none, and ``order``
+    (m,) the places in ``ends.ravel()`` of those that are not, by ascending vertex. Paths longer than ``reach`` (k,)
+    count as infinite. The neighbours of each vertex over edges are in compressed rows, ``starts`` (n + 1,) and
+    ``others`` (2 e,), with the lengths ``steps`` (2 e,) of the edges. Paths are followed from each end, once for all
+    points whose paths end there.
     """
-    width, corners = cells.shape[1:]
-    lengths = np.where(group < 0, np.inf, 0.0)
-    least = np.empty(width)
-    distance = np.full(len(vertices), np.inf)
-    waiting = np.zeros(len(vertices), dtype=np.bool_)
-    end_of, per_row = ends.ravel(), ends.shape[1]
-    order = np.argsort(end_of)
-    after = np.searchsorted(end_of[order], 0)  # -1 comes first
+    width, corners, per_row = cells.shape[1], cells.shape[2], ends.shape[1]
+    least, distance, waiting = np.empty(width), np.empty(len(vertices)), np.empty(len(vertices), dtype=np.bool_)
+    distance[:], waiting[:] = np.inf, False
+    after = 0
     while after < len(order):
-        first, end = after, end_of[order[after]]
+        first, end = after, ends[order[after] // per_row, order[after] % per_row]
         farthest = 0.0
-        while after < len(order) and end_of[order[after]] == end:
+        while after < len(order) and ends[order[after] // per_row, order[after] % per_row] == end:
             farthest = max(farthest, reach[order[after] // per_row])
             after += 1
         queue = [end]
@@ -162,4 +170,3 @@ def path_lengths_to_corners(
                 lengths[row, j] += length if length <= reach[row] else np.inf
         for at in queue:
             distance[at] = np.inf
-    return lengths

@@ -87,13 +87,19 @@ def _split_primitives(lower, upper, order, start, stop, depth):
     if axis < 0:
         return half
     if depth >= HALVING_DEPTH:
-        part = order[start:stop].copy()
-        twice_centres = np.empty(len(part))
-        for i in range(len(part)):
-            twice_centres[i] = lower[part[i], axis] + upper[part[i], axis]
-        ascending = np.argsort(twice_centres)
-        for i in range(len(part)):
-            order[start + i] = part[ascending[i]]
+        gap = half - start
+        while gap > 0:  # Shell's sort
+            for i in range(start + gap, stop):
+                moved, place = order[i], i
+                twice_centre = lower[moved, axis] + upper[moved, axis]
+                while place >= start + gap:
+                    other = order[place - gap]
+                    if lower[other, axis] + upper[other, axis] <= twice_centre:
+                        break
+                    order[place] = other
+                    place -= gap
+                order[place] = moved
+            gap //= 2
         return half
     middle = start
     for i in range(start, stop):
@@ -151,24 +157,31 @@ def bound_normals(nodes, vertices, axes, angles):
     right angle and more are 0.
     """
     count = len(nodes)
-    axis, angle = np.zeros((count, 3)), np.zeros(count)
-    cones = np.zeros((count, 5))
+    angle, cones, axis = np.empty(count), np.empty((count, 5)), np.empty(3)
     for backwards in range(count):
         node = count - 1 - backwards
         size, begin = np.int64(nodes[node, 0]), np.int64(nodes[node, 1])
-        parts = vertices[begin : begin + size].copy().ravel() if size else np.arange(begin, begin + 2)
-        part_axes, part_angles = (axes, angles) if size else (axis, angle)
-        for part in parts:
-            axis[node] += part_axes[part]
-        length = np.sqrt(np.sum(axis[node] ** 2))
+        part_axes, part_angles = (axes, angles) if size else (cones, angle)
+        corners = vertices.shape[1] if size else 1
+        parts = size * corners if size else 2
+        axis[:] = 0.0
+        for k in range(parts):
+            part = vertices[begin + k // corners, k % corners] if size else begin + k
+            for i in range(3):
+                axis[i] += part_axes[part, i]
+        length = np.sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
         angle[node] = np.pi
         if length > 0.0:
-            axis[node] /= length
             angle[node] = 0.0
-            for part in parts:
-                turn = np.arccos(min(max(np.sum(axis[node] * part_axes[part]), -1.0), 1.0))
-                angle[node] = max(angle[node], turn + part_angles[part])
-        cones[node, :3] = axis[node]
+            for i in range(3):
+                axis[i] /= length
+            for k in range(parts):
+                part = vertices[begin + k // corners, k % corners] if size else begin + k
+                cosine = axis[0] * part_axes[part, 0] + axis[1] * part_axes[part, 1] + axis[2] * part_axes[part, 2]
+                angle[node] = max(angle[node], np.arccos(min(max(cosine, -1.0), 1.0)) + part_angles[part])
+        for i in range(3):
+            cones[node, i] = axis[i]
+        cones[node, 3], cones[node, 4] = 0.0, 0.0
         if angle[node] < 0.5 * np.pi:
             cones[node, 3], cones[node, 4] = np.cos(angle[node]), np.sin(angle[node])
     return cones

@@ -212,19 +212,21 @@ def add_energy(
     indptr, indices, data = matrix
     codim, d = directions.shape[1], places.shape[1]
     kind, width, room = d - 2, unknowns.shape[1], row_length(splines)
-    C, z, normals = np.zeros((3, 3)), 0.0, np.zeros((codim, d))
-    forms, block = np.zeros(2 * room * (GATHERED + SWEEP)), np.zeros(room * room)
+    C, z, normals = np.empty((3, 3)), 0.0, np.empty((codim, d))
+    forms, block = np.empty(2 * room * (GATHERED + SWEEP)), np.empty(room * room)
+    C[:], forms[:] = 0.0, 0.0
+    none = np.int64(0)  # a plain 0 would be a type of its own, for which the called kernels are compiled again
     standing = np.empty(len(indptr) - 1, dtype=np.uint32)
     for p in range(len(unknowns)):
         block[:] = 0.0
-        count = 0
+        count = none
         for s in range(start[p], start[p + 1]):
             q = order[s]
             if weights[q] == 0.0:
                 continue
             if count + FORMS_OF_A_SAMPLE > GATHERED:
                 _add_gathered(forms, splines, count, width, block)
-                count = 0
+                count = none
             x = PLACE_UNIT * places[q, 0] + 0.5
             y = PLACE_UNIT * places[q, 1] + 0.5
             if d == 3:
@@ -240,7 +242,7 @@ def add_energy(
             decode_normals(directions[q], normals)
             fill_tensor(q, normals, own, tensors, e1, weight, C)
             tensor = C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2]
-            n = combined_normal(normals, 0, 0, 1.0, 0.0) if codim else (0.0, 0.0, 0.0)
+            n = combined_normal(normals, none, none, 1.0, 0.0) if codim else (0.0, 0.0, 0.0)
             fill_sample_forms(rows, splines, kind, (x, y, z), tensor, n, weight * e2 * own, factor)
             count += 5 if len(c) else 4
             for one in range(codim):

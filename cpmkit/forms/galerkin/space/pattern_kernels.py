@@ -27,8 +27,8 @@ def sparsity_pattern(
     """
     n = len(starts) - 1
     width, steps = unknowns.shape[1], runs.shape[1]
-    seen = np.full(n, -1, dtype=indptr.dtype)
-    columns = np.empty(max(len(places), 1), dtype=indptr.dtype)
+    seen, columns = np.empty(n, dtype=indptr.dtype), np.empty(max(len(places), 1), dtype=indptr.dtype)
+    seen[:] = -1
     used = np.uint64(0)  # unsigned, so that no index is tested for its sign
     indptr[0] = 0
     for i in range(n):

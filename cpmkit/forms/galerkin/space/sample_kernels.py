@@ -135,8 +135,9 @@ def add_load(
     """
     width, channels, last = unknowns.shape[1], load.shape[1], len(places) - 1
     along, depth = len(splines), len(third)
-    X, Y, Z = np.empty(along), np.empty(along), np.ones(depth)
-    values, sums = np.empty(width), np.zeros((channels, width))
+    X, Y, Z = np.empty(along), np.empty(along), np.empty(depth)
+    values, sums = np.empty(width), np.empty((channels, width))
+    Z[0], sums[:] = 1.0, 0.0
     for q in range(len(places)):
         fill_spline_values(PLACE_UNIT * places[q, 0] + 0.5, along, X)
         fill_spline_values(PLACE_UNIT * places[q, 1] + 0.5, along, Y)
@@ -170,7 +171,8 @@ def fill_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: An
     """
     channels = u.shape[1]
     along, depth = len(splines), len(third)
-    X, Y, Z = np.empty(along), np.empty(along), np.ones(depth)
+    X, Y, Z = np.empty(along), np.empty(along), np.empty(depth)
+    Z[0] = 1.0
     of_patch = np.empty(channels * along * along * depth)
     last = -1
     for q in range(len(places)):
@@ -240,9 +242,11 @@ def fill_gradients(
     """
     channels, d = u.shape[1], places.shape[1]
     along, depth = len(splines), len(third)
-    values, steps = np.ones((3, along)), np.zeros((3, along))
+    values, steps = np.empty((3, along)), np.empty((3, along))
+    values[:], steps[:] = 1.0, 0.0
     X, Y, Z, dX, dY, dZ = values[0], values[1], values[2], steps[0], steps[1], steps[2]
-    normals, own = np.empty((directions.shape[1], d)), np.zeros(3)
+    normals, own = np.empty((directions.shape[1], d)), np.empty(3)
+    own[:] = 0.0
     of_patch = np.empty(channels * along * along * depth)
     last = -1
     for q in range(len(slopes)):
@@ -294,10 +298,13 @@ def add_gradient_load(
     """
     width, d, last = unknowns.shape[1], places.shape[1], len(field) - 1
     along, depth = len(splines), len(third)
-    values, steps = np.ones((3, along)), np.zeros((3, along))
+    values, steps = np.empty((3, along)), np.empty((3, along))
+    values[:], steps[:] = 1.0, 0.0
     X, Y, Z, dX, dY, dZ = values[0], values[1], values[2], steps[0], steps[1], steps[2]
-    normals, own = np.empty((directions.shape[1], d)), np.zeros(3)
-    sums = np.zeros(along * along * depth)
+    normals, own = np.empty((directions.shape[1], d)), np.empty(3)
+    own[:] = 0.0
+    sums = np.empty(along * along * depth)
+    sums[:] = 0.0
     for q in range(len(field)):
         fill_splines_at_place(places[q], along, depth, values, steps)
         decode_normals(directions[q], normals)
