@@ -172,7 +172,8 @@ def quadrature(
 
 def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[Samples]:
     """Yield the samples of `TRIANGLES_AT_ONCE` triangles at a time; arguments as of :func:`quadrature`."""
-    from cpmkit.mesh.clipping_kernels import MOST_CORNERS, fill_samples
+    from cpmkit.mesh.clipping_kernels import fill_samples
+    from cpmkit.mesh.polygon_rules import MOST_CORNERS
 
     spacing, cells = 1.0 if clipped_at is None else float(clipped_at), mesh.cells
     midpoints = np.empty((len(cells), 0, 3)) if mesh.midpoints is None else mesh.midpoints
@@ -183,11 +184,11 @@ def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None,
     while True:
         rows = slice(start, start + TRIANGLES_AT_ONCE)
         nodes = np.concatenate([mesh.vertices[cells[rows]], midpoints[rows]], axis=1)
-        arrays = np.empty((room, 3)), np.empty(room), np.empty((room, 1, 3)), np.empty(room, dtype=np.int32)
-        stack = np.empty((pieces, MOST_CORNERS + 2, 5))
-        used, done = fill_samples(nodes, spacing, clipped[rows], limits[rows], fine, *arrays, stack)
-        arrays[3][:used] += start
-        yield Samples(*(array[:used] for array in arrays))
+        points, weights, normals = np.empty((room, 3)), np.empty(room), np.empty((room, 1, 3))
+        cell, stack = np.empty(room, dtype=np.int32), np.empty((pieces, MOST_CORNERS + 2, 5))
+        limit, cut = limits[rows], clipped[rows]
+        used, done = fill_samples(nodes, spacing, cut, limit, fine, points, weights, normals, cell, stack)
+        yield Samples(points[:used], weights[:used], normals[:used], cell[:used] + np.int32(start))
         start += done
         if start == len(cells):
             return

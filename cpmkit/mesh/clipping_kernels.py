@@ -122,7 +122,8 @@ def split_at_plane(
     edges of ``piece`` (count, 5) must cross the plane, where coordinate ``axis`` equals ``plane``, exactly twice, see
     :func:`crosses_twice`; convex pieces have convex parts then. ``nodes``, ``curved`` as in :func:`evaluate_position`.
     """
-    lower = upper = 0
+    lower: Any = np.int64(0)
+    upper: Any = np.int64(0)
     for k in range(count):
         following = k + 1 if k + 1 < count else 0
         here, there = piece[k, 2 + axis] - plane, piece[following, 2 + axis] - plane
@@ -160,9 +161,8 @@ def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> t
     half = count // 2
     for k in range(half + 1):
         copy_corner(piece, k, below, k)
-    for k in range(half, count):
-        copy_corner(piece, k, above, k - half)
-    copy_corner(piece, 0, above, count - half)
+    for k in range(half, count + 1):
+        copy_corner(piece, k % count, above, k - half)
     return half + 1, count - half + 1
 
 

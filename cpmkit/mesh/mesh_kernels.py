@@ -239,7 +239,7 @@ def split_triangles(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats)
         for corner in range(3):
             pieces += middle[of_cells[cell, corner]] >= 0
     result = np.empty((pieces, 3), np.int64)
-    at = 0
+    at: Any = np.int64(0)
     for cell in range(len(cells)):
         divided = np.empty(3, np.bool_)
         for corner in range(3):
@@ -296,7 +296,7 @@ def cut_needles(
         pieces += parts[cell, 0] + parts[cell, 1] - 1
     result = np.empty((pieces, 3), np.int64)
     chain = np.empty((2, np.max(parts) + 1), np.int64)
-    at = 0
+    at: Any = np.int64(0)
     for cell in range(len(corners)):
         for side in range(2):
             edge = chains[cell, side]

@@ -75,9 +75,10 @@ def is_inside(point: Floats, c: int, geometry: Geometry) -> bool:
         seen = abs(across) / (np.sqrt(size) * max(square, 1e-300))
         if seen > best:
             best, target = seen, p
-    way, x = middles[target] - point, np.empty(d)
+    way, x = np.empty(d), np.empty(d)
     share, outward = 1.0, 0.0
     for i in range(d):
+        way[i] = middles[target, i] - point[i]
         outward += normals[target, i] * way[i]
     for k in range(piece_starts[c], piece_starts[c + 1]):
         p = order[k]
@@ -112,7 +113,8 @@ def group_components(
     """
     order, piece_starts, _, _, normals, middles = geometry
     cells = len(component_starts) - 1
-    parts = np.ones(cells, dtype=np.int64)
+    parts, at = np.empty(cells, dtype=np.int64), np.empty(normals.shape[1])
+    parts[:] = 1
     for r in range(cells):
         first, n = component_starts[r], component_starts[r + 1] - component_starts[r]
         if n < 2:
@@ -121,7 +123,11 @@ def group_components(
         for i in range(n):
             for j in range(n):
                 p = order[piece_starts[first + j]]
-                at = middles[p] - INSIDE_PIECE / np.sqrt(np.sum(normals[p] ** 2)) * normals[p]
+                square = 0.0
+                for axis in range(len(at)):
+                    square += normals[p, axis] ** 2
+                for axis in range(len(at)):
+                    at[axis] = middles[p, axis] - INSIDE_PIECE / np.sqrt(square) * normals[p, axis]
                 inner[n * i + j] = i == j or is_inside(at, first + i, geometry)
         parts[r] = 0
         for j in range(n):
@@ -201,7 +207,8 @@ def add_upper_faces(components: Ints, cells: Ints, moments: Floats, geometry: Ge
                 if d == 2:
                     sign = np.sign(normals[p, 1]) if abs(normals[p, 1]) > 1e-12 * size else 0.0
                     evaluate(LEGENDRE_INTEGRALS, corners[at, 1] - cell[1] + 0.5, first)
-                    edge += sign * first
+                    for i in range(MOMENTS):
+                        edge[i] += sign * first[i]
                     continue
                 if abs(corners[following, 0] - cell[0] - 0.5) > IN_FACE:
                     continue
@@ -220,13 +227,16 @@ def add_upper_faces(components: Ints, cells: Ints, moments: Floats, geometry: Ge
                     for end, other in ((at, following), (following, at)):
                         if abs(corners[end, 2] - cell[2] - 0.5) > IN_FACE:
                             evaluate(LEGENDRE_INTEGRALS, corners[end, 2] - cell[2] + 0.5, second)
-                            edge -= np.sign(normals[p, 1]) * np.sign(corners[end, 2] - corners[other, 2]) * second
+                            sign = np.sign(normals[p, 1]) * np.sign(corners[end, 2] - corners[other, 2])
+                            for i in range(MOMENTS):
+                                edge[i] -= sign * second[i]
                 if along or abs(normals[p, 2]) <= 1e-12 * size:
                     continue
                 for end in (at, following):
                     if abs(corners[end, 1] - cell[1] - 0.5) <= IN_FACE:
                         evaluate(LEGENDRE_INTEGRALS, corners[end, 2] - cell[2] + 0.5, second)
-                        edge += np.sign(normals[p, 2]) * second
+                        for i in range(MOMENTS):
+                            edge[i] += np.sign(normals[p, 2]) * second[i]
         for j in range(MOMENTS if d == 2 else depth):
             moments[row, 0, j] += edge[j]
         volume = moments[row, 0, 0]

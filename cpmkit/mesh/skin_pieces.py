@@ -188,9 +188,11 @@ def area_along(polygon: Floats, count: int, normal: Floats) -> float:
     """Return twice the area of a convex polygon (count, 3) times the length of a ``normal`` (3,) that it has."""
     area = 0.0
     for k in range(1, count - 1):
-        p, q = polygon[k] - polygon[0], polygon[k + 1] - polygon[0]
-        area += normal[0] * (p[1] * q[2] - p[2] * q[1]) + normal[1] * (p[2] * q[0] - p[0] * q[2])
-        area += normal[2] * (p[0] * q[1] - p[1] * q[0])
+        a, b, c = polygon[k, 0] - polygon[0, 0], polygon[k, 1] - polygon[0, 1], polygon[k, 2] - polygon[0, 2]
+        d, e = polygon[k + 1, 0] - polygon[0, 0], polygon[k + 1, 1] - polygon[0, 1]
+        f = polygon[k + 1, 2] - polygon[0, 2]
+        area += normal[0] * (b * f - c * e) + normal[1] * (c * d - a * f)
+        area += normal[2] * (a * e - b * d)
     return area
 
 
@@ -227,12 +229,16 @@ def clip_triangles(nodes: Floats) -> tuple[Floats, Ints, Ints, Ints, Bools, Ints
     in_face = np.empty(room, dtype=np.bool_)
     cells = np.empty((room, 3), dtype=np.int64)
     stack, sizes = np.empty((64, MOST_CORNERS, 3)), np.empty(64, dtype=np.int64)
+    a, b, normal = np.empty(3), np.empty(3), np.empty(3)
     labels = np.empty((64, MOST_CORNERS), dtype=np.int64)
     polygon, sides = np.empty((MOST_CORNERS, 3)), np.empty(MOST_CORNERS, dtype=np.int64)
     used = total = 0
     for t in range(len(nodes)):
-        a, b = nodes[t, 1] - nodes[t, 0], nodes[t, 2] - nodes[t, 0]
-        normal = np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+        for i in range(3):
+            a[i], b[i] = nodes[t, 1, i] - nodes[t, 0, i], nodes[t, 2, i] - nodes[t, 0, i]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            normal[i] = a[j] * b[k] - a[k] * b[j]
         size = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
         for k in range(3):
             labels[0, k] = (k + 2) % 3

@@ -34,6 +34,11 @@ def compiled(function: Function, **further: Any) -> Function:
     The code is cached on disk; without a folder for it, a CpmkitWarning is issued and each process compiles anew. The
     cache is renewed when the file of ``function`` changes, but not when the file of a kernel that it calls changes:
     touch the callers' files after a change of such a kernel. ``further`` are options of numba.
+
+    Some lines of a kernel take seconds to compile: an array that is assigned to a part of another (in place of a loop
+    over numbers), sorting, `numpy.where` and `numpy.searchsorted`, which NumPy does before the kernel is called, and
+    a large global array, which each kernel that reads it contains. A counter that starts at 0 and is passed to another
+    kernel is of two types, for which that is compiled twice; one that starts at ``np.int64(0)`` is not.
     """
     njit, options = _njit(), {**OPTIONS, **further}
     try:

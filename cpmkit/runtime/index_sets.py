@@ -24,7 +24,7 @@ def find_root(parent: Any, i: int) -> int:
 
 
 @compiled
-def unite(parent: Any, i: int, j: int) -> None:
+def unite(parent: Any, i: Any, j: Any) -> None:
     """Unite the sets that contain ``i`` and ``j``, in place in ``parent`` (n,); the smaller root is kept."""
     i, j = find_root(parent, i), find_root(parent, j)
     if i < j:

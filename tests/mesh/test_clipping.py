@@ -17,8 +17,10 @@ def quadratic(x):
     return 1 + x[:, 0] * x[:, 1] - 2 * x[:, 2] ** 2 + x[:, 1] * x[:, 2] + x[:, 0]
 
 
-def test_pieces_integrate_quadratics_exactly():
-    plain, clipped = quadrature(TRIANGLE), quadrature(TRIANGLE, SPACING)
+@pytest.mark.parametrize("spacing", [SPACING, SPACING / 100])
+def test_pieces_integrate_quadratics_exactly(spacing):
+    """Those of the smaller spacing are more than there is room for at first."""
+    plain, clipped = quadrature(TRIANGLE), quadrature(TRIANGLE, spacing)
     assert len(clipped) > 10 * len(plain)
     assert clipped.weights @ quadratic(clipped.points) == pytest.approx(
         plain.weights @ quadratic(plain.points), rel=1e-12

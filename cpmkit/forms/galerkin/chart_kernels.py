@@ -162,8 +162,10 @@ def flood_charts(
     crosses no rim. ``centres``, ``directions`` (m, d) are those of cells, ``rims`` (r, 2, d) the ends of edges on rims,
     ``normals`` (r, d) those of their triangles.
     """
-    chart = np.full(len(centres), -2)
-    chart[seeds] = -1
+    chart, offset = np.empty(len(centres), dtype=np.int64), np.empty(centres.shape[1])
+    chart[:] = -2
+    for seed in seeds:
+        chart[seed] = -1
     count = 0
     for first in seeds:
         if chart[first] >= 0:
@@ -179,16 +181,18 @@ def flood_charts(
                 to = np.int64(others[place])
                 if chart[to] != -1:
                     continue
-                offset = centres[to] - centres[first]
-                if (
-                    (offset * offset).sum() <= reach * reach
-                    and (directions[to] * directions[first]).sum() > CHART_COSINE
-                    and not _crosses_any(offset, near, directions[first])
-                ):
+                square = cosine = 0.0
+                for axis in range(len(offset)):
+                    offset[axis] = centres[to, axis] - centres[first, axis]
+                    square += offset[axis] * offset[axis]
+                    cosine += directions[to, axis] * directions[first, axis]
+                is_near = square <= reach * reach and cosine > CHART_COSINE
+                if is_near and not _crosses_any(offset, near, directions[first]):
                     chart[to] = count
                     queue.append(to)
         count += 1
-    chart[chart < 0] = -1
+    for cell in range(len(chart)):
+        chart[cell] = max(chart[cell], -1)
     return chart
 
 
@@ -217,12 +221,14 @@ def _rims_around(rims: Floats, normals: Floats, centre: Floats, normal: Floats, 
 @compiled
 def _crosses_any(chord: Floats, rims: Floats, normal: Floats) -> bool:
     """Return whether ``chord`` (3,) from the origin crosses one of ``rims`` (k, 2, 3), seen along ``normal`` (3,)."""
+    along, rest = np.empty(3), np.empty(3)
     for r in range(len(rims)):
         one, two = rims[r, 0], rims[r, 1]
         side_one, side_two = _turn(chord, one, normal), _turn(chord, two, normal)
         if side_one * side_two < 0:
-            along = two - one
-            if _turn(along, -one, normal) * _turn(along, chord - one, normal) < 0:
+            for i in range(3):
+                along[i], rest[i] = two[i] - one[i], chord[i] - one[i]
+            if -_turn(along, one, normal) * _turn(along, rest, normal) < 0:
                 return True
     return False
 

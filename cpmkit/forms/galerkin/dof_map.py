@@ -202,7 +202,7 @@ def cell_codes(points: Floats, spacing: float) -> Ints:
 
 
 @compiled
-def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[Any, Any, Any]:
+def join_samples(code: Ints, contacts: Any, cell: Any, vertices: int) -> tuple[Any, Any, Any]:
     """Join the samples of a lattice cell whose mesh cells share a vertex; return their roots, and slots of vertices.
 
     The arguments are the ``code`` (q,) of the lattice cell and the mesh ``cell`` (q,) of each sample, and the vertices

@@ -40,7 +40,7 @@ def find_starts(x, found, neighbours, neighbours_along, ends, shape, centres, in
             for pair in range(begin, end):
                 if not along or _touches_end(ends, cell[pair]):
                     place[cell[pair]] = pair
-            valleys = 0
+            valleys = np.int64(0)
             for pair in range(begin, end):
                 if place[cell[pair]] == pair and _is_local_minimum(pair, cell, distance, place, around):
                     valleys = _insert_sorted(chosen, valleys, pair, cell, distance)

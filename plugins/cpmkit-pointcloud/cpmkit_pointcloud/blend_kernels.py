@@ -58,7 +58,7 @@ def evaluate_blend(y, j, cloud):
         a = (e[0, 0] * ux + e[0, 1] * uy + e[0, 2] * uz) / r
         b = (e[1, 0] * ux + e[1, 1] * uy + e[1, 2] * uz) / r
         c = e[2, 0] * ux + e[2, 1] * uy + e[2, 2] * uz
-        q, qa, qb, _, _, _ = polynomial_and_derivatives(coefficients, i, degree, a, b)
+        q, qa, qb, _, _, _ = polynomial_and_derivatives(coefficients, np.int64(i), degree, a, b)
         o = frames[j, 2]
         sign = -1.0 if e[2, 0] * o[0] + e[2, 1] * o[1] + e[2, 2] * o[2] < 0.0 else 1.0
         h = sign * (c - r * q)

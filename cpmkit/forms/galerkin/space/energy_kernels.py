@@ -215,7 +215,7 @@ def add_energy(
     C, z, normals = np.empty((3, 3)), 0.0, np.empty((codim, d))
     forms, block = np.empty(2 * room * (GATHERED + SWEEP)), np.empty(room * room)
     C[:], forms[:] = 0.0, 0.0
-    none = np.int64(0)  # a plain 0 would be a type of its own, for which the called kernels are compiled again
+    none: Any = np.int64(0)
     standing = np.empty(len(indptr) - 1, dtype=np.uint32)
     for p in range(len(unknowns)):
         block[:] = 0.0
