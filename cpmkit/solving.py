@@ -204,7 +204,7 @@ def explain(
             explained = model.explain(solver, shown) if dry_run or seconds else quick_estimate(model, solver)
         warnings = [*warnings_of(scene.surface, target.spacing)]
         if target.form == "collocation":
-            warnings += module_of(target.form).fallback_warnings(scene, target)
+            warnings += module_of(target.form).form_choice_warnings(scene, target)
             warnings += mixed_joint_warnings(scene.surface, target.spacing)
         explained = replace(explained, warnings=(*dict.fromkeys((*warnings, *explained.warnings)),))
         return _add_seconds(explained, scene, target.spacing, shown, dict(options)) if seconds else explained

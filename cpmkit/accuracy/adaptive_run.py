@@ -168,11 +168,11 @@ class AdaptiveRun:
         ) from refusal
 
     def shorten_steps(self) -> bool:
-        """Shorten the scene's steps in time to an error of at most 0.3 of the tolerance; return whether they changed.
+        """Shorten the scene's steps in time until their error is at most 0.3 of the tolerance; return if they changed.
 
-        The error is computed by a further solve, on the lattice of the last solution but one with the scene's steps;
-        ``in_time``, and the estimate of the last solution, become those of the steps then in use. Without a tolerance,
-        and in a recipe, they stay.
+        A further solve measures the error of the present steps, on the lattice of the last solve but one with these
+        steps. The estimate of the last solve then includes that error, and ``in_time`` becomes the error of the new
+        steps. Without a tolerance steps are not shortened; in a recipe they are not even measured.
         """
         problem: Any = self.scene.problem
         if not self.has_own_steps:

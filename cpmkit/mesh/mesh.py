@@ -140,6 +140,16 @@ class Mesh:
         return self.edge_lengths[self.edges.of_cells]
 
     @property
+    def centres(self) -> Floats:
+        """(m, d) the centre of each cell, of a curved cell the point at equal barycentric coordinates."""
+        mean: Floats = self.vertices[self.cells].mean(axis=1)
+        if self.midpoints is None:
+            return mean
+        if self.manifold_dim == 1:
+            return np.asarray(self.midpoints[:, 0])
+        return np.asarray((4 * self.midpoints.mean(axis=1) - mean) / 3)
+
+    @property
     def dim(self) -> int:
         """Dimension d of the space."""
         return int(self.vertices.shape[1])

@@ -70,7 +70,7 @@ def meetings_of_curves(curves: Sequence[Curve], length: float) -> list[Floats] |
     tolerance = WELDED_SIZE_SHARE * box_size(np.concatenate([mesh.vertices for _, mesh in curves]))
     meetings = [mesh.vertices[:0] for _, mesh in curves]
     for i, j in combinations(range(len(curves)), 2):
-        points = _joints(curves[i], curves[j], length, tolerance)
+        points = _meeting_points(curves[i], curves[j], length, tolerance)
         if points is None:
             return None
         meetings[i], meetings[j] = np.concatenate([meetings[i], points]), np.concatenate([meetings[j], points])
@@ -106,8 +106,12 @@ def split_at_own_crossings(mesh: Mesh, source: LocalSource | None) -> Mesh:
     return repair(Mesh.of(np.concatenate([mesh.vertices, points]), cells))[0]
 
 
-def _joints(first: Curve, second: Curve, length: float, tolerance: float) -> Floats | None:
-    """Return the points (k, d) where two curves meet, ends first; None if they touch apart from their ends."""
+def _meeting_points(first: Curve, second: Curve, length: float, tolerance: float) -> Floats | None:
+    """Return the points (k, d) where two curves meet, ends of either first; None if they touch elsewhere.
+
+    ``length`` is that of segments, and ``tolerance`` the largest distance of curves that meet. An end of both curves is
+    listed twice.
+    """
     at_ends = []
     for (_, mesh), (other, _) in ((first, second), (second, first)):
         ends = mesh.vertices[np.bincount(mesh.cells.ravel(), minlength=len(mesh.vertices)) == 1]

@@ -133,7 +133,7 @@ def _snapped(mesh: Mesh, sides: Floats, crossing: Ints, share: Floats) -> tuple[
 
     Vertices on creases and rims move along these alone; corners stay.
     """
-    creased = creased_edges(mesh)
+    creased = sharp_edges(mesh)
     creases = np.bincount(mesh.edges.ends[creased].ravel(), minlength=len(mesh.vertices))
     near_end = share > 0.5
     vertex = mesh.edges.ends[crossing, near_end.astype(int)]
@@ -202,7 +202,7 @@ def with_points(mesh: Mesh, points: Floats) -> tuple[Mesh, Ints]:
     """
     parent = np.arange(len(mesh.cells))
     for _ in range(len(points)):
-        creased = creased_edges(mesh)
+        creased = sharp_edges(mesh)
         cell, shares = QuadraticSurface(mesh).feet(points)
         rows = first_of_each(cell, shares.max(axis=1))
         later = np.setdiff1d(np.arange(len(points)), rows)
@@ -223,7 +223,7 @@ def with_points(mesh: Mesh, points: Floats) -> tuple[Mesh, Ints]:
         mesh, more = split_edges(mesh, ends, share)
         parent = parent[parts[more]]
         target = np.concatenate([corner[at_vertex], count + np.arange(len(ends))])
-        mesh, _ = _with_moved(mesh, target, np.concatenate([at[at_vertex], at[on_edge]]), creased_edges(mesh))
+        mesh, _ = _with_moved(mesh, target, np.concatenate([at[at_vertex], at[on_edge]]), sharp_edges(mesh))
         points = points[later]
         if not len(points):
             break
@@ -237,8 +237,11 @@ def _is_first(values: Ints) -> Bools:
     return first
 
 
-def creased_edges(mesh: Mesh) -> Bools:
-    """Return which edges (e,) of quadratic triangles are creases or lie on the rim, or have more than two triangles."""
+def sharp_edges(mesh: Mesh) -> Bools:
+    """Return whether (e,) each edge of quadratic triangles is on a rim, has three triangles or more, or is a crease.
+
+    An edge is a crease if the normals of its two triangles differ by more than `CREASE_DEGREES` at its midpoint.
+    """
     count = np.bincount(mesh.edges.of_cells.ravel(), minlength=len(mesh.edges.ends))
     shares = 0.5 * (1 - np.eye(3))
     surface = QuadraticSurface(mesh)
@@ -287,11 +290,11 @@ def turned_cells(mesh: Mesh, chain: Ints, least: float) -> Ints:
 
 
 def piercing_points(mesh: Mesh, side: Side, gap: float) -> Floats:
-    """Return the points (k, 3) where creases and rims of a mesh meet another surface, given by its ``side``.
+    """Return the points (k, 3) where creases, junctions and rims of a mesh meet another surface, given by ``side``.
 
-    Edges of rims of which an end is nearer to the surface than ``gap`` may end on it, and are left out.
+    Rim edges are left out if one of their ends is nearer to the surface than ``gap``: the rim may end on the surface.
     """
-    creases = np.flatnonzero(creased_edges(mesh))
+    creases = np.flatnonzero(sharp_edges(mesh))
     if not len(creases):
         return np.zeros((0, 3))
     sides = np.full(len(mesh.vertices), np.inf)

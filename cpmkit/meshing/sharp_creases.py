@@ -44,12 +44,15 @@ SHARPENING_ROUNDS = 6
 
 @dataclass(frozen=True, eq=False)
 class Faces:
-    """The faces of a manifold that meet near nodes, each by a triangle that touches it."""
+    """The smooth faces of a manifold beside creases: at each node two faces or more, each with its tangent plane.
 
-    node: Ints  #: (f,): the number of the node.
+    Nodes are vertices, or midpoints of edges.
+    """
+
+    node: Ints  #: (f,): the number of the node of each face.
     inward: Floats  #: (f, d): unit vectors from the node into the face.
-    normals: Floats  #: (f, d): unit normals of the triangles.
-    lengths: Floats  #: (f,): lengths of the edges there.
+    normals: Floats  #: (f, d): unit normals of the triangles that touch the faces.
+    lengths: Floats  #: (f,): lengths of the edges at the nodes.
 
     @staticmethod
     def of_sides(nodes: Ints, across: Floats, normals: Floats, lengths: Floats) -> Faces:
@@ -59,10 +62,11 @@ class Faces:
 
 
 def creased_edges(mesh: Mesh, source: LocalSource, sliver: float = 0.0, farthest: float = MIDDLE_SHARE) -> Bools:
-    """Return whether (e,) edges of triangles, outside boundaries, lie at creases or have three triangles or more.
+    """Return whether (e,) each edge of triangles lies on a crease or has three triangles or more; False on boundaries.
 
-    Where triangles turn by less, planes that touch the manifold tell creases from curvature; the middle of the edge is
-    nearer to the crease than the share ``farthest`` of it. For ``sliver`` see :func:`sharp_facets`.
+    An edge where the triangles turn by 6 degrees or more, but by less than `CREASE_DEGREES`, is on a slight crease if
+    planes that touch the manifold on both sides show a crease nearer to the midpoint of the edge than the share
+    ``farthest`` of its length. For ``sliver`` see :func:`sharp_facets`.
     """
     creased = sharp_facets(mesh, CREASE_DEGREES, sliver)
     if source.slight_creases:
@@ -74,23 +78,24 @@ def creased_edges(mesh: Mesh, source: LocalSource, sliver: float = 0.0, farthest
 
 
 def shows_slight_creases(source: LocalSource, lengths: Floats) -> bool:
-    """Return whether closest points tell creases of `LEAST_CREASE_DEGREES` from curvature over edges of ``lengths``.
+    """Return whether slight creases can be distinguished from curvature over edges of ``lengths`` (n,).
 
-    A mesh that stands for a smooth surface has such creases between its cells.
+    The closest points must be exact, and not those of a mesh with vertex values, whose facets have such creases.
     """
     has_facets = any(isinstance(member.source, HasValues) for member in source.members)
     return _is_exact(source, PLANE_SHARES[-1], lengths) and not has_facets
 
 
 def _is_exact(source: LocalSource, share: float, lengths: Floats) -> bool:
-    """Return whether closest points are exact enough for normals at a ``share`` of edges of ``lengths`` (n,)."""
+    """Return whether closest points are exact enough for normals at the ``share`` of ``lengths`` (n,) from an edge."""
     return HEIGHT_SHARE * share * float(lengths.min(initial=np.inf)) >= NOISE_FACTOR * source.noise
 
 
 def sharpen_vertices(mesh: Mesh, source: LocalSource) -> Mesh:
-    """Return the mesh with ends of creased edges moved onto creases, unless they are on a rim or boundary, or far off.
+    """Return the mesh with the ends of creased edges moved onto the creases of ``source``.
 
-    Edges that a crease crosses opposite to such an end are halved on it, and short edges beside creases are collapsed.
+    Ends on a rim or boundary, or far from the crease, stay. An edge opposite to a moved end is halved where a crease
+    crosses the edge, and short edges beside creases are collapsed.
     """
     on_crease = np.zeros(len(mesh.vertices), dtype=bool)
     for _ in range(SHARPENING_ROUNDS):
@@ -123,9 +128,10 @@ def _are_fixed(mesh: Mesh) -> Bools:
 
 
 def _without_short_edges(mesh: Mesh, at_crease: Bools) -> Mesh:
-    """Return the mesh with edges collapsed that are short beside others of their triangle, to an end ``at_crease``.
+    """Return the mesh without edges at creases that are short beside others of their triangle, which are collapsed.
 
-    ``at_crease`` (v,) are vertices on creases and of creased edges. Those on rims and boundaries do not move.
+    ``at_crease`` (v,) tells the vertices on creases and of creased edges. An edge is collapsed to such a vertex.
+    Vertices on rims and boundaries do not move.
     """
     ends, of_cells, lengths, fixed = mesh.edges.ends, mesh.edges.of_cells, mesh.lengths_of_cells, _are_fixed(mesh)
     longest = lengths.max(axis=1, keepdims=True)
@@ -144,7 +150,7 @@ def _without_short_edges(mesh: Mesh, at_crease: Bools) -> Mesh:
 
 
 def _halve_crossing_edges(mesh: Mesh, source: LocalSource, on_crease: Bools) -> Mesh:
-    """Return the mesh with edges inside it halved where creases cross them, opposite to vertices ``on_crease`` (v,)."""
+    """Return the mesh with inner edges opposite to vertices ``on_crease`` (v,) halved where creases cross the edges."""
     edges = mesh.edges
     opposite = np.zeros(len(edges.ends), dtype=bool)
     opposite[edges.of_cells[on_crease[mesh.cells]]] = True
@@ -164,7 +170,7 @@ def _halve_crossing_edges(mesh: Mesh, source: LocalSource, on_crease: Bools) -> 
 
 
 def sharpen_midpoints(mesh: Mesh, source: LocalSource) -> Mesh:
-    """Return the mesh with the midpoints of creased edges on creases."""
+    """Return a mesh of quadratic cells with the midpoints of its creased edges moved onto the creases of ``source``."""
     assert mesh.midpoints is not None
     flat = mesh.with_same_cells(midpoints=None)
     creased = creased_edges(flat, source)
@@ -178,9 +184,9 @@ def sharpen_midpoints(mesh: Mesh, source: LocalSource) -> Mesh:
 
 
 def _faces_at(mesh: Mesh, creased: Bools) -> Faces:
-    """Return the faces at ``creased`` edges (e,) of flat triangles, which are the nodes.
+    """Return the faces beside the ``creased`` edges (e,) of flat triangles; the nodes are the midpoints of the edges.
 
-    The plane of a sliver touches no face: for it stands that of the triangle across the edge, continued over the edge.
+    A sliver does not show the plane of its face; it is replaced by the triangle across the edge, continued over it.
     """
     cell, facet = np.nonzero(creased[mesh.edges.of_cells])
     edge = mesh.edges.of_cells[cell, facet]
@@ -200,12 +206,12 @@ def _faces_at(mesh: Mesh, creased: Bools) -> Faces:
 
 
 def points_on_creases(source: LocalSource, points: Floats, faces: Faces, farthest: float = 1.0) -> tuple[Floats, Bools]:
-    """Return ``points`` (n, d) with the nodes of ``faces`` moved onto creases, and whether (n,) each is on one.
+    """Return ``points`` (n, d) with the nodes of ``faces`` moved onto creases, and whether (n,) each is on a crease.
 
-    Other nodes, and those at smooth places or farther than a share ``farthest`` of an edge, stay. A node x moves by
-    the shortest vector that takes it onto the planes through feet p on the faces with normals n, ``n . (x - p) = 0``,
-    in the sense of least squares, for planes ever nearer to it. Where the turn of the normals, extrapolated from the
-    last two distances to zero, is too small, the manifold is curved and has no crease.
+    Points that are no nodes stay, as do nodes at smooth places or farther from the crease than the share ``farthest``
+    of an edge. A node x moves to the least-squares solution of ``n . (x - p) = 0``, where p are points of the faces
+    near x with normals n; the points approach x in several rounds. The manifold is smooth where the turn of the
+    normals, extrapolated from the last two distances to zero, is too small.
     """
     nodes, node, times = np.unique(faces.node, return_inverse=True, return_counts=True)
     start, dim = points[nodes], points.shape[1]

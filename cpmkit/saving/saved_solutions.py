@@ -153,7 +153,10 @@ def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None
 
 
 def _difference_text(place: str, saved: Any, described: Any) -> str:
-    """Return the text on the first difference of two JSON values: its path, which begins with ``place``, and both."""
+    """Return a message on the first entry in which two unequal JSON values differ: its path, and both its values.
+
+    ``place`` is the path, in words, of ``saved`` and ``described`` themselves.
+    """
     if type(saved) is type(described) is dict and saved.keys() == described.keys():
         key = next(key for key in saved if saved[key] != described[key])
         return _difference_text(f"{place}, {key}", saved[key], described[key])

@@ -14,7 +14,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, whole
-from cpmkit.scene.data import Data, is_sequence, is_zero, read_formulas, takes_time
+from cpmkit.scene.data import Data, is_sequence, is_zero, replace_formulas, takes_time
 from cpmkit.scene.laws import Flux, Law, Mixed, OneSided, Value
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Condition:
 
     def __post_init__(self) -> None:
         """Replace formulas by functions; raise SceneError if one does not parse, InputError for a wrong order."""
-        read_formulas(self, self.kind)
+        replace_formulas(self, self.kind)
         if self.order is not None:
             check_order(self.order, f"order of {type(self).__name__}")
 

@@ -176,11 +176,12 @@ class FieldOfEntries:
         return evaluate_data(self.entries, points, len(self.entries), self.label)
 
 
-def read_formulas(instance: Any, label: str) -> None:
-    """Replace formulas by functions, in place, in the fields of an equation or condition declared as data or vectors.
+def replace_formulas(instance: Any, label: str) -> None:
+    """Replace the formulas in the fields of an equation or condition, ``instance``, by functions, in place.
 
-    Columns of pandas become arrays. Raises SceneError, with ``label`` for the instance, if a formula does not parse,
-    or a component of a vector field depends on t.
+    Only fields whose types are ``Data`` or ``VectorField`` are replaced; pandas columns in them become arrays.
+    ``label`` names the instance in messages. Raises SceneError if a formula does not parse, or a component of a vector
+    field depends on t.
     """
     for member in fields(instance):
         value, kind = getattr(instance, member.name), str(member.type)

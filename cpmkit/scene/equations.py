@@ -18,7 +18,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.plugins import check_accepted
 from cpmkit.runtime.arrays import not_negative, number, positive
 from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import Data, ScalarData, TensorData, read_formulas
+from cpmkit.scene.data import Data, ScalarData, TensorData, replace_formulas
 from cpmkit.scene.diffusivities import as_diffusivity
 
 
@@ -122,7 +122,7 @@ class Equation(Generic[Family]):
         Raises InputError if a field is not accepted, or the equation is conservative without a velocity; SceneError if
         a formula does not parse.
         """
-        read_formulas(self, self.kind)
+        replace_formulas(self, self.kind)
         for member in fields(self):
             if str(member.type) in CHECKS:
                 value = CHECKS[str(member.type)](getattr(self, member.name), f"{member.name} of {self.kind}")

@@ -115,7 +115,7 @@ class OrientedBoundary:
 
     @property
     def missing_directions(self) -> str:
-        """The directions that the sources of boundary and manifold do not provide, in words; "" if none is missing."""
+        """The normals or tangents that the sources of boundary and manifold do not provide, in words; "" if none."""
         source, surface, missing, names = self.source, self.surface, [], ("normals", "tangents")
         if self.dimension < surface.dim and not surface.knows_directions(self.dimension):
             missing.append(f"the manifold has no {names[self.dimension == 1]} of its own")
@@ -125,13 +125,16 @@ class OrientedBoundary:
 
     @property
     def left_description(self) -> str:
-        """How left is determined, and which directions are computed; "" without sides, or if sources provide all."""
+        """How the left side is determined, and which normals or tangents finite differences replace, in words.
+
+        Empty if the boundary has no sides, or if the sources provide all normals and tangents.
+        """
         if not self.has_sides or self.left.named_by == "source":
             return ""
         reason = {
             "left_of": "left is named by left_of",
             "rule": "left is named by a rule alone",
-            "nothing": "it has no left, their sign comes back reversed",
+            "nothing": "it has no left side, since left and right exchange along it",
         }[self.left.named_by]
         return f"{self.missing_directions}: taken by differences, {reason}"
 
@@ -248,7 +251,7 @@ def _check_sides(oriented: OrientedBoundary) -> None:
         )
     if not oriented.left.known and unlike:
         raise SceneError(
-            f"boundary {boundary.name!r} has no left side: the direction to it comes back reversed along the boundary; "
+            f"boundary {boundary.name!r} has no left side: left and right exchange along it, as on a Moebius strip; "
             "give one condition for both sides."
         )
     if not depends_on_sides(on_left, on_right):

@@ -42,9 +42,12 @@ Integrand = float | Callable[[Floats, Floats], Any]
 
 
 def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | None) -> float | Floats:
-    """Return the integral of a solution, or of ``function`` of it; arguments are as for `SolutionRecord.integrate`."""
+    """Return the integral of a solution, or of ``function`` of it; arguments are as for `SolutionRecord.integrate`.
+
+    The quadrature is that of the form; for a form without quadrature weights that of the display mesh, curved.
+    """
     dimension, form = _integrated_dimension(solution.scene.surface, dim), solution.discretized
-    if form.point_weights is not None:  # the form's own quadrature, each point on its side
+    if form.point_weights is not None:  # u is one-sided at points on boundaries
         parts = form.traits.parts
         if parts:  # of several dimensions
             return integrate(solution.of_dimension(dimension), function, dimension)

@@ -53,7 +53,7 @@ OPTIONAL_ENTRIES = {
         )
     ),
     "seconds": plain_values.table_of(SIZE_KIND),
-    "bytes_are": plain_values.or_none(plain_values.choice_of("measured", "foretold")),
+    "bytes_are": plain_values.or_none(plain_values.choice_of("measured", "predicted", "foretold")),  # the last: former
 }
 
 

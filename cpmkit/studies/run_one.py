@@ -141,14 +141,18 @@ def _measured_entries(solution: Solution, truth: reference_values.Reference, run
 
 
 def memory_entries(solution: Solution, measured: int | None) -> records.Record:
-    """Return the entries ``bytes``, ``measured`` or else predicted, and ``bytes_are``; both None if unknown."""
+    """Return the record's entries on peak memory: ``bytes``, and in ``bytes_are`` whether measured or predicted.
+
+    ``measured`` are the bytes measured during the solve; if None, ``bytes`` is predicted from the number of unknowns.
+    Both entries are None for a solution that no cost model predicts.
+    """
     if measured is not None:
         return {"bytes": measured, "bytes_are": "measured"}
     options, scene = lattice_options(solution.discretized), solution.scene
     if options is None:
         return {"bytes": None, "bytes_are": None}
     unknowns, model = solution.discretized.size, cost_model(scene, options)
-    return {"bytes": round(model.peak_bytes(unknowns, model.choose_solver("auto", unknowns))), "bytes_are": "foretold"}
+    return {"bytes": round(model.peak_bytes(unknowns, model.choose_solver("auto", unknowns))), "bytes_are": "predicted"}
 
 
 @dataclass(frozen=True)

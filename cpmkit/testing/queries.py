@@ -161,7 +161,7 @@ def _scattered_queries(subject: Subject) -> st.SearchStrategy[Floats]:
 
 
 def _near_queries(subject: Subject) -> st.SearchStrategy[Floats]:
-    """Return a strategy for batches (n, d) of points up to the case's radius from the manifold."""
+    """Return a strategy for batches (n, d) of points whose distances from the manifold are up to ``case.radius``."""
     radius = subject.case.radius or 0.0
 
     def batch(count: int, seed: int) -> Floats:

@@ -44,10 +44,10 @@ class Camera:
 def make_camera(points: Floats, more: Floats, width: int, look: Look) -> Camera:
     """Return the camera that shows the model ``points`` (n, d) and ``more`` (k, 3) as large as ``width`` pixels allow.
 
-    In the plane the model is seen from above, else from ``look.view``, with ``look.up`` vertical as far as the view
-    allows; by default y is up if the model stands on its lowest y, and less stably on its lowest z, else z, and if the
-    view is along that axis the other of the two. The height of the picture follows from the model, 0.4 to 1.4 times the
-    width. Raises InputError if ``view`` and ``up`` of the look, in space, are parallel, or either is zero.
+    A model in the plane is seen from above, a model in space from ``look.view`` with ``look.up`` upwards. By default y
+    is up if the model stands stably on its lowest y, and less stably on its lowest z; else z is up. If the view is
+    along that axis, the other of the two is up. The picture is 0.4 to 1.4 times as high as wide, as the model requires.
+    Raises InputError if ``view`` and ``up`` of the look, in space, are parallel, or either is zero.
     """
     if points.shape[1] == 2:
         points = np.pad(points, ((0, 0), (0, 1)))
@@ -99,12 +99,12 @@ def stability(points: Floats, axis: int) -> float:
 def camera_axes(view: Any, up: Any) -> Floats:
     """Return the axes (3, 3) of a camera: rows to the right, up, and towards the viewer.
 
-    ``view`` (3,) points from the model to the camera; None: from the front, right and above, where the front of a model
-    with y up is along z. ``up`` is "x", "y", "z" or (3,); None is z. Raises InputError if a vector is zero, or the two
-    are parallel.
+    ``view`` (3,) points from the model to the camera. By default the camera is in front of the model, to the right and
+    above: the front is +z if y is up, else -y for z and -z for x. ``up`` is "x", "y", "z" or (3,), by default z. Raises
+    InputError if a vector is zero, or the two are parallel.
     """
     upward = _camera_direction(np.eye(3)["xyz".index(up)] if isinstance(up, str) else up or (0.0, 0.0, 1.0), "up")
-    axis = int(np.abs(upward).argmax()) if np.abs(upward).max() > 0.999 else 2
+    axis = int(np.abs(upward).argmax()) if np.abs(upward).max() > 0.999 else 2  # oblique: the front of z up
     default = ((0.6, 0.55, -1.0), (0.55, 0.6, 1.0), (0.55, -1.0, 0.6))[axis]
     toward = _camera_direction(default if view is None else view, "view")
     right = np.cross(upward, toward)
@@ -197,9 +197,9 @@ def discs(centres: Floats, normals: Floats, radii: Floats, corners: int = DISC_C
 def disc_radii(points: Floats, spacing: float, least: float, alone: float) -> Floats:
     """Return radii (p,) with which discs around points (p, d) cover a surface, or a curve in the plane, without holes.
 
-    A radius is a share of the distance to the sixth neighbour, in the plane to the second, of which at most twice its
-    median counts, and at least ``least``. Isolated points, farther than ten spacings from these neighbours or without
-    so many, have the radius ``alone``.
+    A radius is a share of the distance to the sixth neighbour (in the plane to the second), limited to twice the median
+    of these distances; it is at least ``least``. Points farther than ten spacings from that neighbour, or without one,
+    have the radius ``alone``.
     """
     from scipy.spatial import cKDTree
 

@@ -36,7 +36,8 @@ class Picture:
 def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
     """Draw a solution, or its estimated error, into a PNG file, and return its path and the camera in words.
 
-    All modes of an eigenvalue problem are drawn on one sheet, unless ``channel`` selects one; of errors the largest.
+    All modes of an eigenvalue problem are drawn on one sheet, unless ``channel`` selects a mode. Of the errors of
+    several channels, the largest at each point is drawn.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def test_a_record_has_the_target_and_the_result(file, tmp_path):
         assert one["rms_error"] / (2 * one["half_range"]) < one["asked_tolerance"]
         assert one["spacing"] > 0
         assert {"pilot"} <= set(one["seconds"]) <= {"pilot", "companion", "answer", "correction"}
-        assert one["bytes_are"] in ("measured", "foretold")
+        assert one["bytes_are"] in ("measured", "predicted")
     assert run_study(study, tmp_path).made == 0  # found again by what was asked for, not by the spacing that was found
     every = group_into_series(read_records(outcome.file))
     assert [one.target for one in every] == ["", "", "tolerance", "tolerance"]
@@ -136,12 +136,12 @@ def test_the_cheapest_below_each_decade_wins():
     assert {power: one.seconds for power, one in won.items()} == {-1: 1.0, -2: 2.0, -3: 9.0}
 
 
-def test_bytes_are_foretold_where_they_are_not_measured():
+def test_bytes_are_predicted_where_they_are_not_measured():
     solution = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0)), 0.1)
     assert memory_entries(solution, 5) == {"bytes": 5, "bytes_are": "measured"}
-    foretold = memory_entries(solution, None)
-    assert foretold["bytes_are"] == "foretold"
-    assert foretold["bytes"] > 1000 * solution.discretized.size
+    predicted = memory_entries(solution, None)
+    assert predicted["bytes_are"] == "predicted"
+    assert predicted["bytes"] > 1000 * solution.discretized.size
     other = SimpleNamespace(discretized=SimpleNamespace(options=None), scene=solution.scene)
     assert memory_entries(other, None) == {"bytes": None, "bytes_are": None}
 

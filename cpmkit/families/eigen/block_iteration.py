@@ -27,15 +27,15 @@ PEAK_BLOCKS = 17
 
 @dataclass(frozen=True, eq=False)
 class FunctionBlock:
-    """Functions S (n, k), with the products ``energies`` = (A - sigma B) S and ``images`` = B S (n, k)."""
+    """Functions, with their products with the two matrices of the problem."""
 
-    functions: Floats
-    energies: Floats
-    images: Floats
+    functions: Floats  #: S (n, k).
+    shifted_products: Floats  #: (A - sigma B) S (n, k).
+    mass_products: Floats  #: B S (n, k).
 
 
 def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPairs:
-    """Return the ``width`` least eigenvalues, ascending, with eigenvectors; only the first ``count`` have converged.
+    """Return the ``width`` least eigenvalues, ascending, with eigenvectors; convergence is checked for ``count`` only.
 
     ``iteration`` must have a preconditioner. Raises ResolutionError if the functions exceed the memory of this process.
     Raises ConvergenceError if a pair of the first ``count`` changes by more than half the tolerance after
@@ -49,7 +49,9 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
     theta, block, past = _rayleigh_ritz([block], block.functions.shape[1], np.zeros(0, dtype=np.int64))
     active = np.arange(len(theta))
     for _ in range(MOST_ROUNDS):
-        correction = iteration.apply_preconditioner(block.images[:, active] - block.energies[:, active] * theta[active])
+        correction = iteration.apply_preconditioner(
+            block.mass_products[:, active] - block.shifted_products[:, active] * theta[active]
+        )
         changes = _relative_changes(iteration, correction, theta[active], block.functions[:, active])
         unconverged = changes > target
         active, correction = active[unconverged], correction[:, unconverged]
@@ -79,7 +81,7 @@ def block_changes(iteration: InverseIteration, values: Floats, functions: Floats
     ``values`` (k,) are their eigenvalues.
     """
     theta, block = 1 / (values - iteration.shift), _make_block(iteration, functions)
-    correction = iteration.apply_preconditioner(block.images - block.energies * theta)
+    correction = iteration.apply_preconditioner(block.mass_products - block.shifted_products * theta)
     return _relative_changes(iteration, correction, theta, functions)
 
 
@@ -91,16 +93,17 @@ def _relative_changes(iteration: InverseIteration, corrections: Floats, theta: F
 
 
 def _make_block(iteration: InverseIteration, functions: Floats) -> FunctionBlock:
-    """Return ``functions`` S (n, k) with (A - sigma B) S and B S; the former are counted in ``iteration.products``."""
+    """Return ``functions`` S (n, k) with (A - sigma B) S and B S; add k to ``iteration.products``, the work counter."""
     iteration.products += functions.shape[1]
     return FunctionBlock(functions, iteration.operator.apply(functions), iteration.apply_mass(functions))
 
 
 def _orthonormalise(iteration: InverseIteration, functions: Floats, blocks: Sequence[FunctionBlock] = ()) -> Floats:
-    """Return combinations (n, m) of ``functions`` (n, k) orthonormal in energy, and orthogonal in it to ``blocks``.
+    """Return m linear combinations (n, m) of ``functions`` (n, k), orthonormal and orthogonal to ``blocks``.
 
-    m is less than k if the functions and blocks are linearly dependent. Orthogonalisation is done twice, because of
-    rounding, and products are counted. Raises ConvergenceError if the energy of a function is not above zero.
+    The inner product is that of A - sigma B. m is less than k if the functions and blocks are linearly dependent.
+    Orthogonalisation is done twice, because of rounding. The products with A - sigma B are added to the counter
+    ``iteration.products``. Raises ConvergenceError if the square norm of a function is not positive.
     """
     iteration.products += functions.shape[1]
     energies = np.einsum("nk,nk->k", functions, iteration.operator.apply(functions))
@@ -110,7 +113,7 @@ def _orthonormalise(iteration: InverseIteration, functions: Floats, blocks: Sequ
     functions = functions / np.sqrt(energies)
     for _ in range(2):
         for block in blocks:
-            functions = functions - block.functions @ (block.energies.T @ functions)
+            functions = functions - block.functions @ (block.shifted_products.T @ functions)
         iteration.products += functions.shape[1]
         gram = functions.T @ iteration.operator.apply(functions)
         independent = np.diag(gram) > DEPENDENT_SHARE
@@ -119,7 +122,7 @@ def _orthonormalise(iteration: InverseIteration, functions: Floats, blocks: Sequ
 
 
 def _root_inverse(gram: Floats) -> Floats:
-    """Return R (k, m) with ``R' gram R = 1``, to make functions with the scalar products ``gram`` (k, k) orthonormal.
+    """Return R (k, m) with ``R' gram R = 1``: for functions S (n, k) with inner products ``gram``, S R is orthonormal.
 
     m is less than k if the functions are linearly dependent.
     """
@@ -132,16 +135,16 @@ def _root_inverse(gram: Floats) -> Floats:
 def _rayleigh_ritz(
     blocks: Sequence[FunctionBlock], width: int, active: Ints
 ) -> tuple[Floats, FunctionBlock, FunctionBlock]:
-    """Return the ``width`` largest Ritz values theta (width,) in the span of the blocks, and two blocks of functions.
+    """Return the ``width`` largest Ritz values theta (width,) in the span of ``blocks``, and two blocks of functions.
 
-    These are the Ritz functions, and of the Ritz functions numbered ``active`` (a,) the components outside the first
-    block, made orthogonal to the former (Hetmaniuk and Lehoucq, J. Comput. Phys. 218, 2006): the three blocks of the
-    next round are then orthonormal, and its matrices never nearly singular.
+    The first block has the Ritz functions. The second has the components of the Ritz functions ``active`` (a,) outside
+    ``blocks[0]``, made orthogonal to the first block (Hetmaniuk and Lehoucq, J. Comput. Phys. 218, 2006): then the
+    blocks of the next round are orthonormal, and its matrices are never nearly singular.
     """
     from scipy.linalg import eigh
 
-    gram = np.block([[block.functions.T @ other.energies for other in blocks] for block in blocks])
-    images = np.block([[block.functions.T @ other.images for other in blocks] for block in blocks])
+    gram = np.block([[block.functions.T @ other.shifted_products for other in blocks] for block in blocks])
+    images = np.block([[block.functions.T @ other.mass_products for other in blocks] for block in blocks])
     theta, weights = eigh(0.5 * (images + images.T), 0.5 * (gram + gram.T))
     theta, best = theta[::-1][:width], weights[:, ::-1][:, :width]
     outside = best[:, active].copy()
@@ -153,7 +156,7 @@ def _rayleigh_ritz(
 
 
 def _combine_blocks(blocks: Sequence[FunctionBlock], weights: Floats) -> FunctionBlock:
-    """Return the linear combinations, with ``weights`` (k, m), of the k functions of all blocks together."""
+    """Return m linear combinations, with ``weights`` (k, m), of the k functions of all blocks together."""
     parts = np.split(weights, np.cumsum([block.functions.shape[1] for block in blocks])[:-1])
     pairs = list(zip(blocks, parts, strict=True))
     sums = {name: sum(getattr(block, name) @ part for block, part in pairs) for name in vars(blocks[0])}

@@ -100,7 +100,7 @@ class Modes:
 
 
 def _select_modes(problem: Eigen, iteration: InverseIteration, pairs: EigenPairs) -> Modes:
-    """Return the ``problem.count`` modes nearest to ``problem.near``, or if that is None to the shift, ascending.
+    """Return the ``problem.count`` modes with eigenvalues nearest to ``problem.near``, by default the shift, ascending.
 
     A pair of complex eigenvalues gives two modes, the real and the imaginary part of an eigenvector.
     """
@@ -161,10 +161,10 @@ def _mean_squares(iteration: InverseIteration, vectors: Any) -> Floats:
 
 
 def _checked_report(iteration: InverseIteration, modes: Modes) -> SolveReport:
-    """Return the report of the solve, whose residual is the largest of the modes.
+    """Return the report of the solve; its residual is the largest residual of a mode.
 
-    Raises ConvergenceError if it is above the tolerance; without a preconditioner only if also above what rounding may
-    leave, or above :data:`MAX_ROUNDING_SHARE`.
+    Raises ConvergenceError if the residual is above the tolerance. Without a preconditioner a residual up to
+    :data:`MAX_ROUNDING_SHARE` that rounding explains is accepted.
     """
     context, residual = iteration.context, float(modes.residuals.max())
     reason = (
@@ -181,7 +181,7 @@ def _checked_report(iteration: InverseIteration, modes: Modes) -> SolveReport:
 
 
 def _rounding_change(iteration: InverseIteration, modes: Modes) -> float:
-    """Return the largest relative change of an eigenfunction in a step that rounding may cause.
+    """Return the largest relative change of an eigenfunction in one step of iteration that rounding may cause.
 
     The rounding of ``(A - sigma B) u`` is bounded entry by entry, with random signs.
     """
@@ -194,7 +194,7 @@ def _rounding_change(iteration: InverseIteration, modes: Modes) -> float:
 
 
 def _complex_pair_warnings(modes: Modes, shift: float) -> list[str]:
-    """Return a list with a warning, by the largest ``|imag / (value - shift)|``, if eigenvalues are complex, or []."""
+    """Return a warning in a list if eigenvalues are complex, with the largest ``|imag / (value - shift)|``; else []."""
     pairs = np.flatnonzero(modes.values.imag)
     if not len(pairs):
         return []

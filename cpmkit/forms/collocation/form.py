@@ -13,7 +13,12 @@ from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.collocation_cost import CollocationCost
 from cpmkit.forms.collocation.discretization import Work, build_tables, measure_work, with_new_data
 from cpmkit.forms.collocation.extension_operator import BoundaryMass, ExtensionOperator, build_operator, check_terms
-from cpmkit.forms.collocation.layout_checks import check_waves, fallback_warnings, layout_warnings, sharp_bend_warnings
+from cpmkit.forms.collocation.layout_checks import (
+    check_waves,
+    form_choice_warnings,
+    layout_warnings,
+    sharp_bend_warnings,
+)
 from cpmkit.forms.collocation.mean_weights import (
     closed_components,
     correct_means,
@@ -241,15 +246,15 @@ class Collocation(Reader):
         return advice_of(self.scene.surface, self.spacing).floor
 
     def warnings(self) -> tuple[str, ...]:
-        """Return the warnings about the manifold, boundaries and data that the spacing does not resolve."""
+        """Return the warnings about what the spacing does not resolve, and about the choice of this form."""
         conditions = [
             DataAtPoints(f"the datum of {datum.name}", datum.data, datum.points)
             for datum in self.tables.data
             if not datum.at_corners
         ]
         layout = layout_warnings(self.tables.layout, self.scene)
-        fallback = fallback_warnings(self.scene, self.tables.layout.options)
-        return (*fallback, *self._joint_warnings, *layout, *data_warnings(self, conditions))
+        of_choice = form_choice_warnings(self.scene, self.tables.layout.options)
+        return (*of_choice, *self._joint_warnings, *layout, *data_warnings(self, conditions))
 
     @cached_property
     def _joint_warnings(self) -> list[str]:

@@ -201,8 +201,8 @@ SAME_FLANK_COSINE, MOST_CHORD_SPACINGS = 0.2, 2.0
 OFF_SURFACE_SPACINGS = 0.5
 
 
-def fallback_warnings(scene: Scene, options: Options[CollocationOptions]) -> list[str]:
-    """Return a list with a warning if a solid with boundaries inside is solved because another form refuses it."""
+def form_choice_warnings(scene: Scene, options: Options[CollocationOptions]) -> list[str]:
+    """Return a warning in a list if this form solves a solid with boundaries inside since the other form refuses it."""
     text = f"The form 'collocation' solves this scene, since {options.reason}: errors near boundaries inside the solid "
     inside = scene.boundaries and largest_dim(scene.surface) == scene.surface.dim and "takes" in options.reason
     return [f"{text}fall with the square of the spacing at best."] if inside else []

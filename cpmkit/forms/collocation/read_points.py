@@ -213,18 +213,21 @@ def _tangent_part(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Float
 
 @dataclass(frozen=True, eq=False)
 class Bends(Rows):
-    """Points of a batch near bends of the interpolant, where its second derivatives jump.
+    """Pairs of a point of a batch and a bend near the point.
 
-    They jump at boundaries and edges with a Dirichlet condition.
+    A bend is a boundary or edge with a Dirichlet condition, where the second derivatives of the interpolant jump.
     """
 
     rows: Ints  #: (k,): numbers of the points in the batch.
-    distance: Floats  #: (k,): distances from the boundary or the edge.
-    inward: Floats  #: (k, d): unit vectors away from it, on the point's side.
+    distance: Floats  #: (k,): distances of the points from the bends.
+    inward: Floats  #: (k, d): unit vectors from the bend to the point's side.
 
 
 def _boundary_bends(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
-    """Return, for each boundary, the bends at the points near it that are on a side with a Dirichlet condition."""
+    """Return for each boundary the pairs of this bend and the points near it on a side with a Dirichlet condition.
+
+    A bend is a jump of second derivatives, see :class:`Bends`; ``side_views`` has the points near each boundary.
+    """
     bends = []
     for boundary, view in zip(reader.scene.boundaries, side_views, strict=True):
         on_left = view.signed >= 0
@@ -236,10 +239,10 @@ def _boundary_bends(reader: Reader, side_views: Sequence[SideView]) -> list[Bend
 
 
 def _edge_bends(reader: Reader, feet: ClosestPoints) -> Bends:
-    """Return the bends at points whose stencils contain a node past an edge with a Dirichlet condition.
+    """Return the pairs of an edge with a Dirichlet condition and a point whose stencil has a node past that edge.
 
-    The edge is represented by its tangent at one point: of the closest points of such nodes the nearest to the point
-    read. The distance is that from this tangent, along the conormal.
+    The edge is replaced by its tangent at the closest point of a node past it: the one nearest to the point read. The
+    distance is that of the point from this tangent, along the conormal.
     """
     layout = reader.tables.layout
     band, nothing = layout.band, Bends(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, feet.points.shape[1])))
@@ -283,7 +286,7 @@ def _extrapolation_samples(
 def _usable_samples(
     reader: Reader, samples: ClosestPoints, side_views: Sequence[SideView], rows: Ints, sides: Mapping[int, Side]
 ) -> Bools:
-    """Return whether (m,) each sample is off edges, on the side of its point in ``rows`` (m,), and far from bends."""
+    """Return whether (m,) each sample is off edges, far from bends, and on the sides of its point in ``rows`` (m,)."""
     usable: Bools = samples.edge < 0
     sample_views = reader.side_views(samples.points, sides)
     for at_point, at_sample in zip(side_views, sample_views, strict=True):

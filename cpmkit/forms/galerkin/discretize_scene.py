@@ -15,7 +15,7 @@ from cpmkit.forms.galerkin.options import SOLID_STABILISATIONS, STABILISATIONS, 
 from cpmkit.forms.galerkin.options import check_scene as check
 from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, build_refined_space, level_splines
 from cpmkit.forms.galerkin.refinement.regions import Regions
-from cpmkit.forms.galerkin.scene_sampling import InsertedScene, insert_scene, sample_inserted
+from cpmkit.forms.galerkin.scene_sampling import InsertedScene, insert_scene, sample_scene
 from cpmkit.forms.galerkin.solids.solid_sampling import sample_solid
 from cpmkit.forms.galerkin.solve_memory import SolveMemory
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
@@ -76,7 +76,7 @@ def discretize_part(scene: Scene, options: Options[GalerkinOptions], progress: P
     if options.own.refine == "auto":
         return refine_adaptively(scene, options, inserted, progress)
     progress("samples", 0.5)
-    sampled = sample_inserted(scene, options, inserted)
+    sampled = sample_scene(scene, options, inserted)
     del inserted
     progress("samples", 1.0)
     progress("space", 0.0)
@@ -149,7 +149,7 @@ def discretize_in_regions(
     scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, regions: Regions
 ) -> Galerkin:
     """Return the discretisation of a scene with inserted boundaries, on splines that are refined in ``regions``."""
-    sampled = sample_inserted(scene, options, inserted, regions)
+    sampled = sample_scene(scene, options, inserted, regions)
     samples: Any = sampled.samples
     first = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell, tied=sampled.tied)
     levels = level_splines(first, samples.points, sampled.corners, samples.cell, regions)

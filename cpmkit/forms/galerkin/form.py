@@ -79,7 +79,7 @@ class Galerkin(EquationAssembly, Discretized):
 
     @property
     def traits(self) -> FormTraits:
-        """The iterative solver, the dispersion, and degree 3 as advice on smooth surfaces without boundary samples."""
+        """Properties for solvers and families, with degree 3 as advice on smooth surfaces without boundary samples."""
         sampled = self.sampled
         closed = not self.scene.boundaries and not len(sampled.boundary)
         smooth = closed and sampled.mesh.manifold_dim == 2 and sampled.geometry == "closest_point"

@@ -61,12 +61,12 @@ class PatchLocator:
         rows = np.arange(len(points))
         for count in NEIGHBOURS:
             distance, samples = self._nearest_samples(points[rows], count)
-            scores, shut = self._scores(points[rows], samples, distance, side_of)
+            scores, all_across = self._score_samples(points[rows], samples, distance, side_of)
             first = samples[np.arange(len(rows)), scores.argmin(axis=1)]
             patch[rows], other_sheets = self._choose_patch(points[rows], samples, scores, first)
-            # Where a boundary excludes the few nearest samples, sheets are not separated.
-            has_other_sheets[rows] = other_sheets & ~shut if count == NEIGHBOURS[0] else False
-            nearest[rows], rows = first, rows[shut]
+            # Where the few nearest samples all lie across a boundary, sheets are not separated.
+            has_other_sheets[rows] = other_sheets & ~all_across if count == NEIGHBOURS[0] else False
+            nearest[rows], rows = first, rows[all_across]
             if not len(rows):
                 break
         rows, element = np.flatnonzero(has_other_sheets), feet.element if self.sheets is not None else None
@@ -79,8 +79,9 @@ class PatchLocator:
     def _choose_patch(self, points: Floats, samples: Ints, scores: Floats, first: Ints) -> tuple[Ints, Bools]:
         """Return the patches (k,) for ``points``, and whether (k,) some patch near a point does not touch its patch.
 
-        ``first`` (k,) is that of the ``samples`` (k, q) with the least of the ``scores`` (k, q). Of its patch and those
-        touching it, the patch with the least score whose lattice cell has the point is returned, else its patch.
+        ``first`` (k,) are the ``samples`` (k, q) with the least of the ``scores`` (k, q). Candidates are the patch of
+        the first sample and the patches that touch it. The patch is the candidate with the least score whose lattice
+        cell contains the point; if there is none, that of the first sample.
         """
         patch, candidates = self.dof_map.patch[first], self.dof_map.patch[samples]
         low, high = np.minimum(candidates, patch[:, None]), np.maximum(candidates, patch[:, None])
@@ -100,7 +101,7 @@ class PatchLocator:
         """
         rows = np.arange(len(points))
         distance, samples = self._nearest_samples(points, NEIGHBOURS[1])
-        scores, _ = self._scores(points, samples, distance, side_of)
+        scores, _ = self._score_samples(points, samples, distance, side_of)
         if element is not None:
             self._exclude_farther_sheets(points, samples, scores, element)
         first = samples[rows, scores.argmin(axis=1)]
@@ -109,7 +110,7 @@ class PatchLocator:
     def _exclude_farther_sheets(self, points: Floats, samples: Ints, scores: Floats, element: Ints) -> None:
         """Set ``scores`` (k, q) of ``samples`` (k, q), in place, to infinity on sheets farther along the manifold.
 
-        The way starts in the source's cell ``element`` (k,) that contains each of the ``points`` (k, d).
+        Paths along the manifold start in the source's cell ``element`` (k,) that contains each of ``points`` (k, d).
         """
         assert self.sheets is not None
         rows = np.arange(len(points))
@@ -126,15 +127,16 @@ class PatchLocator:
         chosen = np.where(nearer[:, None], shortest, best)
         scores[several] = np.where(group == chosen, scores[several], np.inf)
 
-    def _scores(
+    def _score_samples(
         self, points: Floats, samples: Ints, distance: Floats, side_of: Mapping[int, Side]
     ) -> tuple[Floats, Bools]:
-        """Return scores (k, q) of ``samples`` (k, q), and whether (k,) a boundary would exclude all samples of a point.
+        """Return scores (k, q), the less the better, of the ``samples`` (k, q) that are nearest to ``points`` (k, d).
 
-        A score is the squared distance, with `HEIGHT_FACTOR` for the part off the tangent plane and beside ties
-        `CELL_FACTOR` for the distance to the cell of the sample, and infinite across a boundary. A boundary that would
-        exclude all remaining samples of a point excludes none. ``distance`` (k, q), ascending, is that of the samples
-        from ``points`` (k, d); ``side_of`` is that of :meth:`patches`.
+        A score is the squared distance of point and sample, plus the weighted squares of the distances of the point
+        from the sample's tangent plane and, beside a tie (a cut where u is continuous), from the sample's cell. Samples
+        across a boundary have an infinite score, unless that leaves no sample of the point: such a boundary is ignored,
+        and the second result (k,) is True. ``distance`` (k, q) is that of point and sample, ascending; for ``side_of``
+        see :meth:`patches`.
         """
         off = points[:, None] - self.samples.points_at(samples)
         height = np.einsum("kqcd,kqd->kqc", self.samples.normals_at(samples), off)
@@ -143,23 +145,23 @@ class PatchLocator:
         if len(rows):
             corners = self.mesh.vertices[self.mesh.cells[self.samples.cell_at(samples[rows])]]
             scores[rows] += CELL_FACTOR**2 * _squared_distances_to_cells(points[rows], corners)
-        shut = np.zeros(len(points), dtype=bool)
+        all_across = np.zeros(len(points), dtype=bool)
         if not self.boundaries or not len(points):
-            return scores, shut
+            return scores, all_across
         reach = distance[:, -1] + ON_BOUNDARIES_SPACINGS * self.lattice.spacing
         near_boundary = self._boundary_tree.query(points, distance_upper_bound=float(reach.max()))[0] < reach
         for number in range(len(self.boundaries)):
             across = self._is_across(number, points, samples, near_boundary, side_of.get(number))
             none_left = np.min(np.where(across, np.inf, scores), axis=1) == np.inf
             scores[across & ~none_left[:, None]] = np.inf
-            shut |= none_left
-        return scores, shut
+            all_across |= none_left
+        return scores, all_across
 
     def _is_across(self, number: int, points: Floats, samples: Ints, near_boundary: Bools, side: Side | None) -> Bools:
         """Return (k, q) whether each of the ``samples`` (k, q) lies across boundary ``number`` from its point (k, d).
 
-        False unless both sides of the boundary are among the samples, or one if the point is ``near_boundary`` (k,).
-        Points on the boundary count as on ``side``, by default left.
+        False unless some samples lie in cells on each side of the boundary; for a point ``near_boundary`` (k,), on one
+        side. Points on the boundary count as on ``side``, by default left.
         """
         signs = self._sides_by_boundary[number][self.samples.cell_at(samples)]
         across = np.zeros(samples.shape, dtype=bool)

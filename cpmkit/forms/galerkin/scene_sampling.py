@@ -73,10 +73,10 @@ class InsertedScene:
 
 @dataclass(frozen=True, eq=False)
 class SampledScene(InsertedScene):
-    """A scene with samples; its mesh is subdivided, curved and cut, with cells stored in 32 bits."""
+    """A scene with samples; its mesh is subdivided, curved and cut. Cells are stored in 32 bits, without midpoints."""
 
     corners: Any  #: (m, k) int32: the vertices of the cells after cutting.
-    half: HalfFacets  #: The facets of cells on boundaries and rims.
+    half: HalfFacets  #: The pairs of a cell and a facet of it on a boundary or rim, two for a facet of two cells.
     #: Samples or QuantisedSamples: samples on the manifold, then on boundaries; quantised once there is a dof map.
     samples: Samples | QuantisedSamples
     boundary: BoundarySamples  #: The samples on boundaries.
@@ -93,7 +93,7 @@ class SampledScene(InsertedScene):
 
     @property
     def tied(self) -> Ints:
-        """(t, 2) the numbers of samples at one point of a tie: on its first lip, and on another."""
+        """(t, 2) the numbers of two samples at one point of a tie (see :class:`Tie`), on its first and another side."""
         lips = [condition.sides for condition in conditions_with_law(self.conditions, Tie)]
         pairs = [np.stack([first, other], axis=1) for first, *others in lips for other in others]
         return self.interior + np.concatenate([np.zeros((0, 2), dtype=np.int64), *pairs])
@@ -114,9 +114,10 @@ class SampledScene(InsertedScene):
 
     @cached_property
     def mixed_edge(self) -> Floats:
-        """(k, d): samples with values within a spacing of those of other conditions of one side, at about one conormal.
+        """(k, d): samples with Dirichlet conditions within a spacing of a Neumann or Robin condition on a smooth edge.
 
-        There u behaves like the root of the distance. At a right angle between the parts it need not be singular.
+        There u behaves like the root of the distance. Where the two parts of the edge meet at a right angle, u need not
+        be singular.
         """
         from scipy.spatial import cKDTree
 
@@ -175,34 +176,29 @@ def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedSce
     return InsertedScene(lattice, surface, sources, oriented, mesh, points, geometry, warnings)
 
 
-def sample_inserted(
+def sample_scene(
     scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, regions: Regions | None = None
 ) -> SampledScene:
-    """Return the samples of a scene whose boundaries are inserted, with smaller cells in ``regions``, if given.
+    """Return the scene with its final mesh, the quadrature samples, and the conditions imposed at samples.
 
-    Raises InputError or SceneError if a condition cannot be imposed, see :func:`imposed_conditions`.
+    ``inserted`` is the scene's coarse mesh. Cells in ``regions``, if given, are smaller; the quadrature is then that of
+    :func:`graded_samples`. Raises InputError or SceneError as :func:`imposed_conditions` does.
     """
     spacing, sampling, geometry = options.spacing, options.own.sampling, inserted.geometry
     lattice, surface, oriented, warnings = inserted.lattice, inserted.surface, inserted.oriented, inserted.warnings
-    longest = longest_edge(sampling, geometry, inserted.mesh.manifold_dim)
-    mesh = subdivide(inserted.mesh, longest * spacing)
-    mesh = mesh if regions is None else grade_mesh(mesh, regions, longest)
-    has_singular_functions = options.own.tips == "singular" and mesh.manifold_dim == 2
-    mesh = grade_towards_tips(mesh, spacing) if has_singular_functions else mesh
-    if (part_at := part_function(scene, lattice)) is not None:
-        mesh = split_at_parts(mesh, rim_of_edges(mesh).rows, part_at, geometry, surface)
-    mesh = curve_cells(mesh, geometry, surface, inserted.sources, spacing)
+    has_singular_functions = options.own.tips == "singular" and inserted.mesh.manifold_dim == 2
+    mesh = _fine_mesh(scene, options, inserted, regions, has_singular_functions)
     is_uncut = geometry != "closest_point" and not len(mesh.cut)  # repaired cells have distinct vertices
-    of_boundaries = mesh.cells if is_uncut else cut_corners(mesh)
+    corners_at_boundaries = mesh.cells if is_uncut else cut_corners(mesh)
     creased = creased_edges(mesh, surface, SLIVER_SPACINGS * spacing) if surface.slight_creases else None
-    cut, corners = _with_ties(mesh, of_boundaries, spacing, options.own.degree, creased)
+    cut, corners = _with_ties(mesh, corners_at_boundaries, spacing, options.own.degree, creased)
     half, winding = half_facets(cut), mesh.winding
     warnings += tuple(neck_warnings(mesh, lattice, regions))
     warnings += tuple(seam_warnings(seam_midpoints(mesh, half), surface, geometry))
     terms = scene.problem.terms()
-    flows_out = terms.conservative and terms.velocity is not None  # what leaves through rims is read at samples
+    flows_out = terms.conservative and terms.velocity is not None  # the flow through rims is integrated over samples
     boundary = boundary_samples(cut, half, corners, needs_rims(scene) or flows_out, inserted.points)
-    left = left_of_boundaries(cut, half, of_boundaries, boundary, oriented, lattice)
+    left = left_of_boundaries(cut, half, corners_at_boundaries, boundary, oriented, lattice)
     conditions = imposed_conditions(scene, boundary, left, surface, lattice)
     singular: tuple[SingularFunction, ...] = ()
     if has_singular_functions:
@@ -210,18 +206,14 @@ def sample_inserted(
         warnings += tip_warnings
     further = boundary.as_samples if len(boundary) else None
     if regions is None:
-        clipped, fine = (
-            triangles_to_clip(mesh, sampling, geometry, spacing),
-            needs_degree_four(options.own.degree, geometry),
-        )
-        samples = quadrature(mesh, spacing, further, clipped, fine)
+        clipped = triangles_to_clip(mesh, sampling, geometry, spacing)
+        samples = quadrature(mesh, spacing, further, clipped, needs_degree_four(options.own.degree, geometry))
     else:
         samples = graded_samples(mesh, regions, sampling, geometry, further)
     if len(boundary):
         on_manifold = samples.weights > 0
         interior = lattice.to_scene(samples.points[on_manifold]), samples.weights[on_manifold]
         warnings += point_warnings(scene, boundary, spacing, interior)
-    # stored from here on: cells in 32 bits, and no midpoints, which only the quadrature needs
     cells: Any = mesh.cells.astype(np.int32)
     stored = replace(inserted, mesh=replace(mesh, cells=cells, midpoints=None), warnings=warnings)
     return SampledScene(
@@ -237,10 +229,28 @@ def sample_inserted(
     )
 
 
-def _with_ties(mesh: Mesh, corners: Ints, spacing: float, degree: int, creased: Bools | None) -> tuple[Mesh, Ints]:
-    """Return a mesh cut at creases, junctions and between charts too, and the vertices (m, k) of its cells then.
+def _fine_mesh(
+    scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, regions: Regions | None, at_tips: bool
+) -> Mesh:
+    """Return the mesh of ``inserted`` subdivided, split where conditions on the edge change, and with curved cells.
 
-    ``corners`` (m, k): those of the mesh cut along boundaries. For ``creased`` (f,) see :func:`crease_facets`.
+    Cells are smaller in ``regions``, if given, and if ``at_tips`` also at the tips of boundaries.
+    """
+    spacing, geometry = options.spacing, inserted.geometry
+    longest = longest_edge(options.own.sampling, geometry, inserted.mesh.manifold_dim)
+    mesh = subdivide(inserted.mesh, longest * spacing)
+    mesh = mesh if regions is None else grade_mesh(mesh, regions, longest)
+    mesh = grade_towards_tips(mesh, spacing) if at_tips else mesh
+    if (part_at := part_function(scene, inserted.lattice)) is not None:
+        mesh = split_at_parts(mesh, rim_of_edges(mesh).rows, part_at, geometry, inserted.surface)
+    return curve_cells(mesh, geometry, inserted.surface, inserted.sources, spacing)
+
+
+def _with_ties(mesh: Mesh, corners: Ints, spacing: float, degree: int, creased: Bools | None) -> tuple[Mesh, Ints]:
+    """Return the mesh cut also at creases, at junctions and between charts, and the corners (m, k) of its cells.
+
+    A corner is the number of a vertex after cutting; ``corners`` (m, k) are those of the mesh cut along boundaries
+    alone. For ``creased`` (f,) see :func:`crease_facets`.
     """
     creases = crease_facets(mesh, spacing, creased)
     if len(creases):
@@ -254,7 +264,7 @@ def _with_ties(mesh: Mesh, corners: Ints, spacing: float, degree: int, creased: 
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[Boundary], spacing: float) -> None:
-    """Raise SceneError if a boundary is not in the mesh, over 3 spacings off it, or on one with other conditions."""
+    """Raise SceneError if a boundary is missing in the mesh, far off it, or on a boundary with other conditions."""
     for number, gap in insertion.max_distances.items():
         if gap > AWAY_SPACINGS * spacing:
             raise SceneError(

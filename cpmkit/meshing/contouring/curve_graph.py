@@ -39,23 +39,24 @@ def trace_curve(source: LocalSource, seeds: Floats, step: float) -> CurveGraph:
 
 
 def _graph_of_trace(tracer: CurveTracer) -> CurveGraph:
-    """Return the graph that a tracer made; a segment to a corner after which the trace met its own points is prolonged.
+    """Return the graph that a tracer made, with the last vertex before each junction moved straight ahead, beyond it.
 
-    It ends at a point straight ahead instead, so that it crosses the other part; ``ends`` are these points.
+    The last segment of that strand then crosses the strand which it meets, so that :func:`add_self_crossings` finds the
+    junction. ``ends`` of the graph are the moved vertices.
     """
     segments = np.concatenate([np.zeros((0, 2), dtype=np.int64), *tracer.segments])
-    last = np.concatenate([np.zeros(0, dtype=np.int64), *tracer.junctions])
+    moved = np.concatenate([np.zeros(0, dtype=np.int64), *tracer.before_junctions])
     vertices = tracer.points.copy()
-    vertices[last] = np.concatenate([vertices[:0], *tracer.beyond])
+    vertices[moved] = np.concatenate([vertices[:0], *tracer.beyond])
     segments = _distinct(segments)
-    on_curve = project_middles(tracer.source, vertices, segments)
-    prolonged = np.isin(segments, last).any(axis=1)
+    on_curve = project_midpoints(tracer.source, vertices, segments)
+    prolonged = np.isin(segments, moved).any(axis=1)
     on_curve[prolonged] = vertices[segments[prolonged]].mean(axis=1)
-    return CurveGraph(vertices, segments, on_curve, last)
+    return CurveGraph(vertices, segments, on_curve, moved)
 
 
-def project_middles(source: LocalSource, vertices: Floats, segments: Ints) -> Floats:
-    """Return the closest points (s, d) of the middles of ``segments`` (s, 2) between ``vertices`` (v, d)."""
+def project_midpoints(source: LocalSource, vertices: Floats, segments: Ints) -> Floats:
+    """Return the closest points (s, d) of the midpoints of ``segments`` (s, 2) between ``vertices`` (v, d)."""
     return source.closest_point(vertices[segments].mean(axis=1)).points
 
 
@@ -69,7 +70,7 @@ def split_at_vertices(source: LocalSource, graph: CurveGraph, reach: float) -> C
     vertex, segment = vertex[lies_on], segment[lies_on]
     segments = divide_segments(graph.vertices, graph.segments, segment, vertex, graph.vertices[vertex])
     segments = _distinct(segments)
-    return replace(graph, segments=segments, midpoints_on_curve=project_middles(source, graph.vertices, segments))
+    return replace(graph, segments=segments, midpoints_on_curve=project_midpoints(source, graph.vertices, segments))
 
 
 def _refine_junctions(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
@@ -102,7 +103,7 @@ def _refine_junctions(source: LocalSource, graph: CurveGraph, step: float) -> Cu
     is_junction = np.isin(np.arange(len(vertices)), junctions)
     same = _merge_into_junctions(vertices, is_junction, 0.2 * step)
     segments = _distinct(same[graph.segments])
-    refined = CurveGraph(vertices, segments, project_middles(source, vertices, segments), graph.ends)
+    refined = CurveGraph(vertices, segments, project_midpoints(source, vertices, segments), graph.ends)
     are_one = (same[junctions] != junctions).any()
     return _refine_junctions(source, refined, step) if are_one else refined
 
@@ -129,7 +130,7 @@ def add_corners(source: LocalSource, graph: CurveGraph, step: float) -> CurveGra
     halves = np.concatenate([np.stack([graph.segments[rows, end], new], axis=1) for end in range(2)])
     segments = same[np.concatenate([np.delete(graph.segments, rows, axis=0), halves])]
     on_curve = np.concatenate(
-        [np.delete(graph.midpoints_on_curve, rows, axis=0), project_middles(source, vertices, halves)]
+        [np.delete(graph.midpoints_on_curve, rows, axis=0), project_midpoints(source, vertices, halves)]
     )
     has_length = segments[:, 0] != segments[:, 1]
     return replace(graph, vertices=vertices, segments=segments[has_length], midpoints_on_curve=on_curve[has_length])
@@ -155,7 +156,7 @@ def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> C
     segments = segments[~is_tip[segments].any(axis=1)]
     used, segments = np.unique(segments, return_inverse=True)
     vertices, segments = vertices[used], segments.reshape(-1, 2)
-    on_curve = project_middles(source, vertices, segments)
+    on_curve = project_midpoints(source, vertices, segments)
     degree = np.bincount(segments.ravel(), minlength=len(vertices))
     loose = np.flatnonzero((degree[segments] == 1).any(axis=1))
     inner = (degree[segments[loose, 0]] == 1).astype(np.int64)

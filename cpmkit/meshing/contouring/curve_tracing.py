@@ -21,14 +21,14 @@ MET_SHARE = 0.7
 
 @dataclass(frozen=True, eq=False)
 class OpenEnds:
-    """Ends of a trace that is being continued."""
+    """Ends of traces that are being continued, one per row."""
 
-    last: Ints  #: (f,): the last point of each.
+    last: Ints  #: (f,): the number of the last point of each trace.
     heading: Floats  #: (f, d): the direction of the trace there.
     sign: Ints  #: (f,): by how much ``place`` changes at a step, 1 or -1.
-    target: Floats  #: (f, d): the point of the curve to which each steps next.
-    turned: Bools  #: (f,): whether that step follows a corner.
-    beyond: Floats  #: (f, d): a point beyond that corner, straight ahead of the trace before it.
+    target: Floats  #: (f, d): the point of the curve to which each trace steps next.
+    turned: Bools  #: (f,): whether the next step turns a corner at the last point.
+    beyond: Floats  #: (f, d): a point beyond that corner, straight ahead of the trace before the corner.
 
     def take(self, rows: Bools | Ints) -> OpenEnds:
         """Return the ends at ``rows``, numbers or a mask, as new arrays."""
@@ -54,9 +54,9 @@ class CurveTracer:
     place: Ints
     #: list of (k, 2) int64: numbers of the points that are connected.
     segments: list[Ints] = field(default_factory=list)
-    #: list of (k,) int64: numbers of the corners after which the trace met points that it had already.
-    junctions: list[Ints] = field(default_factory=list)
-    #: list of (k, d) float64: points straight ahead of the trace before these corners, beyond them.
+    #: list of (k,) int64: numbers of the last points of traces that turned and met a strand traced before: a junction.
+    before_junctions: list[Ints] = field(default_factory=list)
+    #: list of (k, d) float64: for each of these points a point straight ahead of the trace, beyond the junction.
     beyond: list[Floats] = field(default_factory=list)
 
     @classmethod
@@ -99,7 +99,7 @@ class CurveTracer:
         smooth = (met >= 0) & ~turned
         self.segments.append(np.stack([last[smooth], met[smooth]], axis=1))
         arrived = (met >= 0) & turned
-        self.junctions.append(last[arrived])
+        self.before_junctions.append(last[arrived])
         self.beyond.append(ends.beyond[arrived])
         free = np.flatnonzero(met < 0)
         partner = self._met_ends(last[free], target[free], direction[free], bend[free], turned[free])

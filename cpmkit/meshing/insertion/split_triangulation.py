@@ -161,9 +161,9 @@ class SplitTriangulation:
         return normal
 
     def vertex_normal(self, vertex: int) -> Vector:
-        """Return the unit normal at a vertex: the normalised sum of the original triangles' normals.
+        """Return the unit normal at a vertex: the normalised sum of the normals of the original triangles there.
 
-        Each is flipped to the side of the sum of those before; splits do not change the result.
+        A normal that points against the sum of the preceding normals is flipped. Splits do not change the result.
         """
         normal = self._vertex_normals.get(vertex)
         if normal is None:

@@ -37,7 +37,7 @@ LEAST_SLOPE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """Continuity of u, and balance of fluxes, where the mesh is cut although no condition lies there."""
+    """Continuity of u and balance of fluxes at a tie: facets, as at a crease, where the mesh is cut on no boundary."""
 
     couples: ClassVar[bool] = True
     involves_value: ClassVar[bool] = False

@@ -19,7 +19,6 @@ from cpmkit.forms.galerkin.solids.skin import (
     Skin,
     areas_of,
     joined,
-    middles_of,
     with_turned,
 )
 from cpmkit.forms.galerkin.solids.tip_extensions import EXTENDED_SPACINGS, extended_curve_ends
@@ -248,7 +247,7 @@ def _cells_inside(mesh: Mesh, solid: LocalSource, name: str) -> Mesh:
 
     Raises SceneError if it has none there.
     """
-    within = solid.closest_point(middles_of(mesh)).edge < 0
+    within = solid.closest_point(mesh.centres).edge < 0
     if not within.any():
         raise SceneError(OUTSIDE.format(name))
     used, cells = np.unique(mesh.cells[within], return_inverse=True)
@@ -264,8 +263,8 @@ def left_of_normals(mesh: Mesh, boundary: OrientedBoundary, lattice: Lattice) ->
 
     It is the same all over a part of the boundary whose cells can be oriented alike.
     """
-    areas, middles = areas_of(mesh), middles_of(mesh)
-    feet, on = boundary.feet(lattice.to_scene(middles) - boundary.left.origin)
+    areas = areas_of(mesh)
+    feet, on = boundary.feet(lattice.to_scene(mesh.centres) - boundary.left.origin)
     leftward = boundary.leftward(feet, on, DIFFERENCE_SPACINGS * lattice.spacing)
     votes, winding = dots(areas, leftward), mesh.winding
     pairs = facets_of_two_cells(mesh)[1] // mesh.cells.shape[1]

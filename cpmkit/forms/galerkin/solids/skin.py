@@ -256,16 +256,16 @@ def _check_closed(mesh: Mesh, lattice: Lattice) -> None:
 def _check_resolved(mesh: Mesh, boundary: LocalSource, lattice: Lattice) -> None:
     """Raise ResolutionError if curved cells lie so far from the ``boundary`` that what they enclose is not known."""
     corners = mesh.vertices[mesh.cells]
-    (count, part), middles = cell_components(mesh), middles_of(mesh)
+    (count, part), centres = cell_components(mesh), mesh.centres
     inside = mesh.winding * np.linalg.det(corners - corners.mean(axis=(0, 1))) / (2 if mesh.dim == 2 else 6)
-    sizes = norms(areas_of(mesh)) * boundary.closest_point(middles).distance
+    sizes = norms(areas_of(mesh)) * boundary.closest_point(centres).distance
     off, volume = np.bincount(part, sizes, count), np.abs(np.bincount(part, inside, count))
     share = np.divide(off, volume, out=np.zeros(count), where=off > 0)
     if share.max() > LARGEST_DOUBT:
         worst = np.argmax(sizes * (part == np.argmax(share)))
         raise ResolutionError(
             f"spacing={lattice.spacing:g} is too coarse for the boundary of the solid near "
-            f"{place(lattice.to_scene(middles[worst]))}, which is curved more sharply; use "
+            f"{place(lattice.to_scene(centres[worst]))}, which is curved more sharply; use "
             f"spacing={0.5 * lattice.spacing:g} or less."
         )
 
@@ -290,16 +290,6 @@ def normals_of(mesh: Mesh) -> Floats:
     return unit(areas_of(mesh))
 
 
-def middles_of(mesh: Mesh) -> Floats:
-    """Return the centres (m, d) of flat or quadratic cells."""
-    mean: Floats = mesh.vertices[mesh.cells].mean(axis=1)
-    if mesh.midpoints is None:
-        return mean
-    if mesh.manifold_dim == 1:
-        return np.asarray(mesh.midpoints[:, 0])
-    return np.asarray((4 * mesh.midpoints.mean(axis=1) - mean) / 3)
-
-
 def _oriented(mesh: Mesh, solid: LocalSource, boundary: LocalSource | None, lattice: Lattice) -> Mesh:
     """Return the mesh with the cells of each component turned so that their normals point out of the ``solid``.
 
@@ -312,7 +302,7 @@ def _oriented(mesh: Mesh, solid: LocalSource, boundary: LocalSource | None, latt
     chosen = np.flatnonzero(rank % -(-members // PROBES)[part] == 0)
     out = normals_of(mesh)[chosen] * mesh.winding[chosen, None]
     step = PROBE_SHARE * mesh.lengths_of_cells[chosen].max(axis=1)[:, None] * out
-    at = middles_of(mesh)[chosen]
+    at = mesh.centres[chosen]
     at = at if boundary is None else boundary.closest_point(at).points
     inside = [solid.closest_point(np.ascontiguousarray(x)).edge < 0 for x in (at - step, at + step)]
     votes = np.bincount(part[chosen], inside[0].astype(float) - inside[1], count)
