@@ -1,1 +1,1 @@
-"""The Galerkin form: splines of a lattice on the manifold, with the energy summed over quadrature samples."""
+"""The Galerkin form: splines of a lattice restricted to the manifold, with integrals by quadrature samples."""

@@ -2,8 +2,8 @@
 
 With the cell number P = |v| h / a the equation is tested with phi + tau v . grad phi (streamline upwinding, Brooks and
 Hughes 1982), ``tau = h / |v| max(0, 1 - 1 / P) / sqrt(2^2 + (16 / P)^2)``. Below P = 1 tau is zero. All terms of the
-equation, -a Lap u included, are tested with it, so that the solution is not changed. The stabilisation off the manifold
-is proportional to a, or to a share of |v| h where that is larger: advection would deflect u there.
+equation, -a Lap u included, are tested with this function, so that the method stays consistent. The stabilisation off
+the manifold is proportional to a, or to a share of |v| h if that is larger, since v would deflect u off the manifold.
 
 A sample contributes the values N_i of the splines, ``D_i = v . grad N_i``, and the rest of the equation,
 ``R_i = - a (tr H_i - n' H_i n) - grad a . grad N_i + c N_i``. The kernels work patch by patch, in units of the spacing.
@@ -33,12 +33,12 @@ from cpmkit.scene.equations import VectorField
 from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: tau is at most h / |v| over the first number, and h^2 / a over the second. On a circle cut at a point, with a layer
-#: at the cut, at cell numbers of 10 to 1000 and six positions nothing exceeds its range; with h / (4 |v|) alone 3.3 %,
-#: and 1 in place of 2 leaves errors ten times as large upstream. At 5, where the layer is h / 5 wide, 4 percent.
+#: at the cut, u exceeds its range at no cell number from 10 to 1000 and six positions, by 4 percent at 5, where the
+#: layer is h / 5 wide; with h / (4 |v|) alone by 3.3 percent. With 1 in place of 2 errors upstream are 10 times larger.
 LIMIT_BY_SPEED, LIMIT_BY_DIFFUSION = 2.0, 16.0
-#: The share of |v| h that the stabilisation is proportional to at least.
+#: The stabilisation is proportional to the larger of a and this share of |v| h.
 STABILISATION_SHARE = 0.1
-#: At boundaries a velocity, which may jump there, is evaluated at this share of the way to the cell's middle.
+#: At boundaries a velocity, which may jump there, is evaluated at this share of the way to the centre of the cell.
 INSIDE_SHARE = 1e-6
 
 
@@ -248,7 +248,7 @@ def _add_terms(
 
 
 def convection_matrix(space: SplineSpace, field: Floats) -> SparseMatrix:
-    """Return the matrix (n, n) of sum w u (field . grad v); ``field`` (p, d) is at the first p samples, else zero."""
+    """Return the matrix (n, n) of sum w u (field . grad v); ``field`` (p, d) is zero beyond the first p samples."""
     data, velocity = np.zeros(len(space.indices)), np.zeros(space.samples.places.shape)
     velocity[: len(field)] = field
     _add_terms(space, velocity, np.zeros(len(velocity)), data, (0.0, 1.0))

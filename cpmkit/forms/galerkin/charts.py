@@ -1,8 +1,8 @@
-"""Charts: where parts of the manifold that are near in space but not along it would share unknowns, they are separated.
+"""Charts: separation of parts of the manifold that are near in space but not along the manifold, and share splines.
 
-A U-turn sharper than the spacing, the two sides of a slot, and the two mouths of a neck share splines, although a path
-along the manifold from one to the other is much longer than their distance. There the manifold is divided into charts,
-each of which is seen from one of its cells, and the mesh is cut between charts; ties keep u continuous there.
+The two sides of a U-turn sharper than the spacing (a fold), of a slot, or of a neck (voids) share splines, although a
+path along the manifold from one to the other is much longer than their distance. There the manifold is divided into
+charts. All of a chart is visible from one of its cells. The mesh is cut between charts; ties keep u continuous there.
 """
 
 from __future__ import annotations
@@ -23,31 +23,30 @@ from cpmkit.meshing.creases import join_small_parts
 from cpmkit.runtime.index_sets import inverse_index
 from cpmkit.types import Bools, Floats, Ints
 
-#: Cells are grouped by lattice cells of this share of the spacing: what is smaller needs no charts of its own.
+#: Cells are grouped by cubes of this share of the spacing: smaller features need no charts of their own.
 GROUP_SHARE = 1 / 3
-#: Under a spline without folds the mean of the normals, each of length 1, is at least so long.
+#: The mean of the unit normals under a spline without folds is at least so long.
 LEAST_MEAN_NORMAL = 0.85
-#: Folds are sought up to this distance, in spacings (a U-turn of radius 1: .06 percent with 1.8, .005 with 2.1); voids
-#: between rims up to the second one.
+#: Folds are sought up to the first distance, in spacings (a U-turn of radius 1: errors of .06 percent with 1.8, .005
+#: with 2.1), voids between rims up to the second.
 FOLD_SPACINGS, VOID_SPACINGS = 2.1, 3.0
 #: Two points are near in space but not along the manifold if the path there is longer than their distance times a
 #: factor, for folds of curves and surfaces (opposite points of circles and tubes have 1.57). With 2 in place of 2.7
 #: organic meshes have 10 to 40 percent more unknowns at 3,000 to 6,000, without a gain on the whole; with 2.9 a U-turn
 #: of radius 1 is not found.
 FOLD_FACTORS = {1: 2.0, 2: 2.7}
-#: The same factor for voids (right angles have 1.41), where the path must be longer by so many spacings too, and the
-#: least path of folds and voids, in spacings.
+#: For voids: the same factor (right angles have 1.41), and by how many spacings the path must be longer as well. For
+#: folds and voids: the least length of the path, in spacings.
 VOID_FACTOR, VOID_SPACINGS_MORE, LEAST_PATH_SPACINGS = 1.3, 0.1, 0.3
-#: Charts begin at folds first, the most opposite ones, then at voids with the longest paths, in spacings up to this.
+#: Charts begin at folds first, the sharpest ones, then at voids with the longest paths (up to this, in spacings).
 LONGEST_PATH_SPACINGS = 6.0
 #: A chart reaches up to so many spacings from its first cell.
 REACH_SPACINGS = 7.0
-#: A chart below this area, in squared spacings, joins a neighbour. With 1 a bridge of .1 spacings stays 31 percent
-#: off in the first eigenvalue, with .05 it is 2.5. Smaller charts of splines of degree 3, which have 64 unknowns a
-#: patch, leave eigenvalues of the wrong sign on organic meshes: at .05 in 5 of 24 positions.
+#: A chart below this area, in squared spacings, by degree, joins a neighbour. With 1 the first eigenvalue of a bridge
+#: .1 spacings wide has an error of 31 percent, with .05 of 2.5. Charts of .05 and degree 3, with 64 unknowns a patch,
+#: leave eigenvalues of the wrong sign on organic meshes in 5 of 24 positions.
 LEAST_AREAS = {1: 0.05, 2: 0.05, 3: 0.25}
-#: Splines up to this degree have sectors around reentrant corners: with degree 3 iterations grow by half, to 185 at
-#: combs.
+#: Largest degree with sectors around reentrant corners: with degree 3 iterations grow by half, to 185 at combs.
 LARGEST_SECTOR_DEGREE = 2
 
 
@@ -67,9 +66,9 @@ class CellGroups:
 class RimEdges:
     """The edges of triangles on rims of a surface; none on curves."""
 
-    cell: Ints  #: (r,): their triangles.
-    ends: Floats  #: (r, 2, d): their ends.
-    outward: Floats  #: (r, d): vectors out of the triangles, tangent to them and normal to the edge, as long as it.
+    cell: Ints  #: (r,): the triangle of each edge.
+    ends: Floats  #: (r, 2, d): the ends of each edge.
+    outward: Floats  #: (r, d): vectors out of the triangles, in their planes, normal to the edges and as long.
 
     @classmethod
     def of(cls, mesh: Mesh) -> RimEdges:
@@ -82,9 +81,9 @@ class RimEdges:
 def chart_facets(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tuple[Ints, bool]:
     """Return the facets (c, k - 1), as vertices, between charts of a mesh cut at boundaries and creases, and a flag.
 
-    The flag says whether there are voids, at whose corners u is singular, and not folds alone. ``corners`` (m, k) are
-    the vertices of cells after cutting. ``spacing`` is h; cells are at most about half as long. ``degree`` is that of
-    the splines.
+    The flag says whether charts were cut at voids, at whose corners u is singular, and not at folds alone. ``corners``
+    (m, k) are the vertices of cells after cutting. ``spacing`` is h, about twice the longest edge; ``degree`` is that
+    of the splines.
     """
     facets, sides, chart, has_voids = _charts(mesh, corners, spacing, degree)
     chosen = facets[chart[sides[:, 0]] != chart[sides[:, 1]]]
@@ -92,10 +91,10 @@ def chart_facets(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tupl
 
 
 def _charts(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tuple[Ints, Ints, Ints, bool]:
-    """Return the facets (e,) between two cells that both have a chart, these cells (e, 2), and the chart (m,) of cells.
+    """Return the facets (e,) between two cells with charts, these cells (e, 2), the chart (m,) of any cell, and a flag.
 
-    Facets are numbers of edges or vertices. Cells without a chart have -1. The arguments and the last value, a flag,
-    are those of :func:`chart_facets`.
+    Facets are numbers of edges or vertices. A cell without a chart has -1. The arguments and the flag are those of
+    :func:`chart_facets`.
     """
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64), np.full(len(mesh.cells), -1), False
     centres, vectors = mesh.vertices[mesh.cells].mean(axis=1), _measure_vectors(mesh)
@@ -136,9 +135,9 @@ def _charts(mesh: Mesh, corners: Ints, spacing: float, degree: int) -> tuple[Int
 
 
 def _measure_vectors(mesh: Mesh) -> Floats:
-    """Return normals (m, d) of triangles or tangents of segments, oriented, as long as the measure of each cell.
+    """Return oriented normals (m, d) of triangles, or tangents of segments, with the measures of the cells as lengths.
 
-    They are zero beside facets over which cells cannot be oriented.
+    A vector is zero beside a facet over which cells cannot be oriented.
     """
     corners = mesh.vertices[mesh.cells]
     last = corners[:, -1] - corners[:, 0]
@@ -147,7 +146,7 @@ def _measure_vectors(mesh: Mesh) -> Floats:
 
 
 def _reads_folded_unknown(dof_map: DofMap, vectors: Floats) -> Bools:
-    """Return whether (p,) each patch reads an unknown under which ``vectors`` (m, d), directions of cells, spread."""
+    """Return whether (p,) each patch reads an unknown on whose support the directions ``vectors`` (m, d) spread."""
     sums = _sums(dof_map.patch, np.concatenate([norms(vectors)[:, None], vectors], axis=1))
     of_unknowns = _sums(dof_map.unknowns.ravel(), sums.repeat(dof_map.unknowns.shape[1], axis=0))
     is_folded = norms(of_unknowns[:, 1:]) < LEAST_MEAN_NORMAL * of_unknowns[:, 0]
@@ -162,10 +161,10 @@ def _sums(number: Ints, values: Floats) -> Floats:
 def near_pairs(
     groups: CellGroups, rims: RimEdges, dof_map: DofMap, has_folds: Bools, manifold_dim: int
 ) -> tuple[Ints, Floats, Bools]:
-    """Return the pairs (k, 2) of groups that are near in space but not along the manifold, and a score (k,) of each.
+    """Return the pairs (k, 2) of groups that are near in space but not along the manifold, scores and kinds of pairs.
 
-    The last value says whether (k,) each is across a fold; the others are across a void. Charts begin at the highest
-    scores. ``has_folds`` (p,) are the patches among which folds are sought.
+    Charts begin at the pairs with the highest scores (k,). A kind (k,) is True for a fold between the groups, False for
+    a void. Folds are sought among the patches where ``has_folds`` (p,).
     """
     h, centres, directions, patches = dof_map.spacing, groups.centres, groups.directions, len(dof_map.cells)
     unknowns, readers = dof_map.unknowns, inverse_index(dof_map.unknowns.ravel(), dof_map.size)
@@ -195,12 +194,12 @@ def near_pairs(
 
 
 def _distances(points: Floats, pairs: Ints) -> Floats:
-    """Return the distances (k,) between the two of each of ``pairs`` (k, 2) of ``points`` (n, d)."""
+    """Return the distances (k,) between the two ``points`` (n, d) of each of ``pairs`` (k, 2)."""
     return norms(points[pairs[:, 1]] - points[pairs[:, 0]])
 
 
 def _neighbours(pairs: Any, count: int) -> tuple[Ints, Any]:
-    """Return row starts (count + 1,) and neighbours (2 t,) of the numbers below ``count``; ``pairs`` (t, 2) adjoin."""
+    """Return row starts (count + 1,) and neighbours (2 t,) of ``count`` nodes of a graph with edges ``pairs``."""
     flat = np.ascontiguousarray(pairs).ravel()
     starts, places = inverse_index(flat, count)
     return starts, flat[places ^ 1]

@@ -37,7 +37,7 @@ class SampleCoefficients(PointReader):
     # Data
 
     def at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return ``data`` (p, channels) at ``time`` at samples, each on its cell's side; ``label`` is for errors."""
+        """Return ``data`` (p, channels) at ``time`` at samples, on the sides of their cells; errors name ``label``."""
         return evaluate_data(data, self._reading_points(data), channels, label, time)
 
     @property
@@ -64,7 +64,7 @@ class SampleCoefficients(PointReader):
 
     @cached_property
     def _samples_past_boundary(self) -> tuple[Ints, Floats]:
-        """The samples past the boundary beside their cell, and their mirror images, for :meth:`_reading_points`."""
+        """The result of :func:`_samples_past_boundary`, cached."""
         return _samples_past_boundary(self.sampled, self.locator.sides)
 
     def at_all_samples(self, data: Any, label: str) -> Floats:
@@ -74,7 +74,7 @@ class SampleCoefficients(PointReader):
         return self.append_boundary_samples(self.at_points(data, label)[:, 0])
 
     def append_boundary_samples(self, values: Floats) -> Floats:
-        """Return ``values`` (p, ...) at samples as (q, ...): for boundary samples that at the first of their cell."""
+        """Return ``values`` (p, ...) as (q, ...): a boundary sample has the value at the first sample of its cell."""
         samples = self.sampled.samples
         first = np.searchsorted(samples.cell[: self.sampled.interior], self.sampled.boundary.cell)
         return np.concatenate([values, values[first]])
@@ -88,7 +88,8 @@ class SampleCoefficients(PointReader):
     def diffusivity(self, data: Any) -> Floats:
         """Return the diffusivity at all samples, (q,) or (q, d, d), or (1,) if ``data`` are a number.
 
-        Raises InputError if it is not positive (definite on tangents), or a tensor beside singular functions.
+        Raises InputError if the diffusivity is not positive (a tensor: definite on tangents), or a tensor is given
+        together with singular functions.
         """
         if isinstance(data, StateDependentCoefficient):
             a = self.evaluate_at_state(data)
@@ -184,15 +185,15 @@ def check_tensor(a: Floats, normals: Floats, points: Floats) -> Floats:
 
 
 def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Ints, Floats]:
-    """Return the samples (k,) past the boundary beside their cell, and points (k, d) for them on the side of the cell.
+    """Return the samples (k,) past the boundary beside their cell, and points (k, d) to replace them.
 
-    The points are mirror images at the boundary, in the scene's coordinates. Cells follow a boundary along quadratic
-    edges, and on a mesh along its curved surface, so that a sample may lie past the boundary by a thousandth of a
-    spacing. The coefficient of the material there, if a thousand times stiffer, would make the matrix indefinite.
+    The points are the mirror images of the samples at the boundary, on the side of the cell, in the scene's
+    coordinates. A sample may lie past the boundary by a thousandth of a spacing, since quadratic edges approximate
+    boundaries. If the material there is a thousand times stiffer, its coefficient would make the matrix indefinite.
 
-    Where a boundary lies off the manifold, data may change anywhere between it and its closest points: samples within
-    twice that distance, at most :data:`NEAR_CHORD_SPACINGS`, count as past it, too. Boundaries without a left, and
-    those of curves, have no such samples.
+    Where a boundary lies off the manifold, data may change anywhere between the boundary and its closest points:
+    samples within twice their distance, at most :data:`NEAR_CHORD_SPACINGS`, count as past the boundary, too.
+    Boundaries without a left, and those of curves, have no such samples.
     """
     rows, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, sampled.lattice.dim))]
     spacing = sampled.lattice.spacing

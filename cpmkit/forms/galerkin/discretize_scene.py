@@ -42,9 +42,9 @@ ORDER = 3.0
 MARKING_TOLERANCE = 1e-6
 #: Most passes of solve, mark and subdivide: two a level are usual.
 MOST_PASSES = 12
-#: Refinement ends where patches that may still be subdivided hold less than this share of the marked squares,
+#: Refinement ends if patches that may still be subdivided have less than this share of the sum of marked squares,
 OPEN_SHARE = 0.5
-#: or where more than this share of all patches is marked, so that a smaller spacing serves better.
+#: or if more than this share of all patches is marked, so that a smaller spacing serves better.
 MOST_MARKED_SHARE = 0.1
 #: Nothing is refined where refinement is expected to save less than this factor of unknowns.
 LEAST_GAIN = 3.0
@@ -64,7 +64,7 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
 
 
 def discretize_part(scene: Scene, options: Options[GalerkinOptions], progress: Progress) -> Any:
-    """Return the discretisation of a scene as :func:`discretize`, where parts of the edge may hold at no point."""
+    """Return the discretisation of a scene as :func:`discretize`, without a check that all parts of the edge occur."""
     check(scene, options)
     SolveMemory(scene, options).check_samples_fit()
     progress("samples", 0.0)
@@ -173,10 +173,9 @@ def solve_for_marking(form: Galerkin) -> Floats:
 def residual_squares(form: Galerkin, u: Floats) -> Floats:
     """Return for each patch (p,) the integral over it of the square of h_l^2 times the residual of ``u`` (n, channels).
 
-    It is summed over channels. h_l, the spacing of a patch, is in units of h. Each channel's square is first divided by
-    its integral over the manifold, so that the result does not depend on the units of channels. The residual is
-    f + div(a grad u) - c u, f without a functional. The result indicates where the local error is large, not how large
-    it is.
+    h_l is the spacing of the patch, in units of h. The residual is f + div(a grad u) - c u, f without a functional. The
+    squares of each channel are divided by their integral over the manifold, so that units of channels do not matter,
+    and then summed over channels. The result indicates where the local error is large, not how large it is.
     """
     terms, points = form.scene.problem.terms(), form.points.copy()
     function = terms.f.beside if isinstance(terms.f, Functional) else terms.f
@@ -223,7 +222,7 @@ def _laplacian(form: Galerkin, u: Floats) -> Floats:
 
 
 def mark_patches(squares: Floats) -> Bools:
-    """Return (p,) whether each patch is marked: those of the largest ``squares`` (p,) with half the sum (Doerfler)."""
+    """Return whether (p,) each patch is marked: the fewest whose ``squares`` (p,) have half the sum (Doerfler)."""
     order = np.argsort(-squares, kind="stable")
     total = np.cumsum(squares[order])
     marked = np.zeros(len(squares), dtype=bool)
@@ -235,8 +234,8 @@ def mark_patches(squares: Floats) -> Bools:
 def expected_gain(form: Galerkin, squares: Floats) -> float:
     """Return the factor by which patches of adapted sizes are expected to reduce the unknowns at the same error.
 
-    With ``squares`` (p,) e_p of patches of areas w_p at size h that fall like h^(2 k), k = 3, and unknowns like h^-2,
-    the fewest unknowns for a given sum of squares are those at h_p^2 in proportion to (w_p / e_p)^(1 / (k + 1)): the
+    Let patches of areas w_p have the ``squares`` (p,) e_p, which fall like h^(2 k), k = 3, while unknowns grow like
+    h^-2. The unknowns are fewest for a given sum of squares if h_p^2 is proportional to (w_p / e_p)^(1 / (k + 1)). The
     gain is ``(sum w)(sum e)^(1/k) / (sum w^(k/(k+1)) e^(1/(k+1)))^((k+1)/k)``, or 1 where all squares are zero.
     """
     dof_map, k = form.space.dof_map, ORDER

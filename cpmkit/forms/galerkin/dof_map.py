@@ -2,7 +2,7 @@
 
 Two samples touch if their mesh cells share a vertex of the mesh that was cut along the boundaries. A patch is a
 connected component of the samples in one lattice cell. An unknown is a lattice node together with a connected component
-of the patches that read the node, where two patches are connected if some of their samples touch. So each side of a
+of the patches that read the node, where two patches are connected if some of their samples touch. Thus each side of a
 boundary, each sheet of a thin part and each end of a slit gets unknowns of its own, without normals, orientation or
 distances.
 """
@@ -20,8 +20,8 @@ from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.index_sets import connected_components, find_root, unite
 from cpmkit.types import Bools, Floats, Ints
 
-#: A piece of a surface whose bounding box is shorter than this along every axis, in spacings, has one unknown; so has a
-#: curve that is shorter. Splines cannot be distinguished on it.
+#: A piece of the manifold whose bounding box is shorter than this along every axis, in spacings, has one unknown: on so
+#: small a piece splines cannot be distinguished.
 ISOLATED_SPACINGS = 2.0
 #: No pairs of patches.
 NO_PAIRS = np.zeros((0, 2), dtype=np.int32)
@@ -31,9 +31,10 @@ NO_PAIRS = np.zeros((0, 2), dtype=np.int32)
 class DofMap:
     """Patches of the manifold, and the unknowns that each reads.
 
-    Lattice cells are bounded by knot planes: cell r holds the points whose nearest lattice point is r. Splines of even
-    degree are centred at lattice points, those of odd degree half a spacing below along every axis. A cell reads the
-    degree + 1 nodes from r - degree // 2 on along every axis.
+    A patch is a connected part of the manifold in one lattice cell; it reads the unknowns whose splines are not zero in
+    the cell. Lattice cells are bounded by knot planes: cell r has the points whose nearest lattice point is r. Splines
+    of even degree are centred at lattice points, those of odd degree half a spacing below along every axis. A cell
+    reads the degree + 1 nodes from r - degree // 2 on along every axis.
     """
 
     spacing: float  #: Spacing h of the lattice, in the unit of the scene.
@@ -64,7 +65,7 @@ class DofMap:
 
     @property
     def strides(self) -> tuple[int, ...]:
-        """For each axis, the distance of neighbouring nodes along it in a row of :attr:`unknowns`."""
+        """For each axis, how far apart neighbouring nodes along the axis are in a row of :attr:`unknowns`."""
         return tuple(self.width**axis for axis in reversed(range(self.dim)))
 
     @property
@@ -73,9 +74,9 @@ class DofMap:
         return np.asarray(self.spacing * (self.nodes - 0.5 * (self.degree % 2)))
 
     def magnify(self, _patch: Ints, points: Floats) -> Floats:
-        """Return ``points`` (..., d) in given patches (...), shifted and enlarged as the level of their patch.
+        """Return ``points`` (..., d) in patches (...), mapped so that lattice cells of any level have side `spacing`.
 
-        Cells of all levels then have the side :attr:`spacing`. One level leaves points unchanged; shapes broadcast.
+        Splines of one level leave points unchanged. Shapes broadcast.
         """
         return points
 
@@ -91,7 +92,7 @@ def build_dof_map(
 
     ``contacts`` (m, k) are the vertices of the cells of the mesh that was cut along the boundaries, ``cell`` (q,) is
     the mesh cell of each sample, by default cell i of sample i, ``tied`` (t, 2) are pairs of samples at the lips of
-    ties. Points are relative to the origin of the lattice. A piece of the manifold, connected across ties too, that is
+    ties. Points are relative to the origin of the lattice. A piece of the manifold, connected also across ties, that is
     smaller than `ISOLATED_SPACINGS` has one unknown, which all of its patches read, or one for each part between ties.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
@@ -107,10 +108,10 @@ def build_dof_map(
 def isolated_patches(
     points: Floats, patch: Any, joined: Any, patches: int, spacing: float, by_diagonal: bool = False
 ) -> Bools:
-    """Return whether each of the ``patches`` (p,) is on a piece of the manifold that has a single unknown.
+    """Return whether (p,) each of ``patches`` patches is on a piece of the manifold so small that it has one unknown.
 
-    ``points`` (q, d) lie in the patches ``patch`` (q,), all extreme ones among them; ``joined`` (t, 2) are pairs of
-    patches on one piece. Its size is its extent along an axis, or its diagonal.
+    ``points`` (q, d) lie in the patches ``patch`` (q,), and include the extreme points of each piece; ``joined`` (t, 2)
+    are pairs of patches on one piece. The size is the largest extent along an axis, or if ``by_diagonal`` the diagonal.
     """
     count, piece = connected_components(patches, joined)
     groups = RowGroups.from_numbers(count, piece[patch])
@@ -169,7 +170,7 @@ def connected_pieces(dof_map: DofMap, across_ties: bool = True) -> tuple[int, In
 
 
 def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
-    """Return lines (d k, degree + 1) of unknowns: along each axis, those of the patch in line with each of k unknowns.
+    """Return lines (d k, degree + 1) of unknowns through k given unknowns, within their patches, along each of d axes.
 
     ``entries`` (k,) are places in ``dof_map.unknowns.ravel()``, each an unknown in a patch. Lines along the first axis
     come first.
@@ -181,7 +182,7 @@ def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
 
 @compiled
 def with_double_room(values: Any) -> Any:
-    """Return a copy of ``values`` (k,) with room for 2 k, for kernels that append to it; the rest is not filled."""
+    """Return ``values`` (k,) copied into an array (2 k,) whose second half is not set, for kernels that append."""
     more = np.empty(2 * len(values), dtype=values.dtype)
     for i in range(len(values)):
         more[i] = values[i]
@@ -203,12 +204,14 @@ def cell_codes(points: Floats, spacing: float) -> Ints:
 
 @compiled
 def join_samples(code: Ints, contacts: Any, cell: Any, vertices: int) -> tuple[Any, Any, Any]:
-    """Join the samples of a lattice cell whose mesh cells share a vertex; return their roots, and slots of vertices.
+    """Join the samples of a lattice cell whose mesh cells share a vertex, which form a patch.
+
+    Return their roots, and slots of vertices.
 
     The arguments are the ``code`` (q,) of the lattice cell and the mesh ``cell`` (q,) of each sample, and the vertices
-    ``contacts`` (m, k) of mesh cells, numbered below ``vertices``. Returned are the root (q,) of each sample, the same
-    for joined samples, and the vertex (s,) and a sample (s,) of each slot: a vertex has a slot for each lattice cell
-    with samples at it.
+    ``contacts`` (m, k) of mesh cells, numbered below ``vertices``. The first result is the root (q,) of each sample,
+    equal for samples of one patch. The others are the vertex (s,) and one sample (s,) of each pair (slot) of a vertex
+    and a lattice cell with samples whose mesh cells have that vertex.
     """
     q, k = len(code), contacts.shape[1]
     parent, first = np.empty(q, dtype=np.int32), np.empty(vertices, dtype=np.int32)
@@ -259,10 +262,10 @@ def touching_patches(patch: Any, patches: int, vertex: Any, holder: Any) -> Any:
 def number_unknowns(cells: Ints, touching: Any, single: Bools, along: int) -> tuple[Any, Ints]:
     """Return the unknowns (p, along^d) at the nodes that each patch reads, and the node (n, d) of each unknown.
 
-    A node has an unknown for each connected component of the patches that read it, connected by the pairs ``touching``
-    (t, 2). ``cells`` (p, d) are the lattice cells of the patches, which read ``along`` nodes per axis. A patch that is
-    ``single`` (p,) has the same unknown at all nodes, shared with the patches that it touches. Unknowns are numbered in
-    the order in which the patches read them first.
+    A node has an unknown for each connected component of the patches that read the node; ``touching`` (t, 2) are the
+    connected pairs. ``cells`` (p, d) are the lattice cells of the patches, which read ``along`` nodes per axis. A patch
+    that is ``single`` (p,) has the same unknown at all nodes, shared with the patches that it touches. Unknowns are
+    numbered in the order in which patches first read them.
     """
     p, d = cells.shape
     width = along**d

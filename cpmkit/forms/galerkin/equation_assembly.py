@@ -34,15 +34,15 @@ from cpmkit.scene.laws import Flux, Mixed, Spectral
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Bools, Floats, Ints, Side, SparseMatrix
 
-#: Levels are made while k h of the level is at most the first number, 6.3 nodes a wavelength, and the first level while
-#: it is at most the second. On spheres and tori of 20 to 90 thousand unknowns iterations are 15 to 18 up to 1, as
-#: without waves, 19 to 25 at 1.6 and more where k is larger, 34 to 62 at 2, and 150 are not enough at 3.2.
+#: Largest k h of a multigrid level (6.3 nodes a wavelength), and of the first level. On spheres and tori of 20 to 90
+#: thousand unknowns iterations are 15 to 18 for k h up to 1, as without waves, 19 to 25 at 1.6 and more where k is
+#: larger, 34 to 62 at 2, and 150 are not enough at 3.2.
 MOST_RADIANS, MOST_RADIANS_OF_FIRST = 1.0, 1.6
 
 
 @dataclass(frozen=True, eq=False)
 class GalerkinOperator(CsrOperator):
-    """The operator A, with the properties of it that solvers need."""
+    """The operator A, with those of its properties that solvers need."""
 
     conditions: ConditionTerms | None = None  #: The terms of the conditions that A contains.
     fixed: bool = False  #: Whether c u alone determines constants, as c is positive everywhere.
@@ -62,9 +62,9 @@ class GalerkinOperator(CsrOperator):
         return replace(self, matrix=shifted.matrix, share=factor * self.share)
 
     def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> CsrOperator:
-        """Return ``A - shift M``, with M the ``mass``, by default the identity; conditions and advection are not kept.
+        """Return ``A - shift M``, with M the ``mass``, by default the identity, without its conditions and advection.
 
-        Its solutions are waves if the shift is above the smallest c.
+        The solutions of its systems are waves if the shift is above the smallest c.
         """
         plain, lowest = super().minus_shifted_mass(shift, mass), self.lowest - shift
         waves = max(-lowest, 0.0) / self.least
@@ -81,7 +81,7 @@ class GalerkinOperator(CsrOperator):
     def usable_levels(self, levels: Sequence[Level], spacing: float) -> Sequence[Level]:
         """Return the ``levels``, the first of which has twice the ``spacing``, up to the last that resolves the waves.
 
-        Without waves all are returned, and with a velocity all with the upwinding that they need.
+        Without waves all levels are returned, with a velocity all with the upwinding that they need.
         """
         if self.advection is not None:
             return upwinded_levels(levels, self.advection.upwinding_matrix(self.share))
@@ -110,9 +110,9 @@ def build_galerkin_operator(
 def multigrid_applies(scene: Scene) -> bool:
     """Return whether multigrid solves the systems of a scene: they are surely positive, or their solutions are waves.
 
-    Eigenvalue problems are solved with a shift. It lies below all eigenvalues unless the user gives the number near
-    which they are sought, or conditions or c may make them negative. Solutions are waves for equations with c below
-    zero, and for eigenvalues sought near a number unless a condition contains the eigenvalue.
+    Eigenvalue problems are solved with a shift, which lies below all eigenvalues unless the user asks for those near a
+    number, or conditions or c may make eigenvalues negative. Solutions are waves for equations with c below zero, and
+    for eigenvalues near a given number, unless a condition contains the eigenvalue.
     """
     problem: Any = scene.problem
     laws = [condition.law for condition in scene.conditions]
@@ -134,7 +134,7 @@ class EquationAssembly:
     conditions: tuple[ImposedCondition, ...]
     #: Evaluates the coefficients at the samples; contains the samples and the function space.
     coefficients: SampleCoefficients = field(repr=False)
-    #: (k,): the samples on the edge that lie on other members of a union, which the flux there enters.
+    #: (k,): the samples on the edge that lie on other members of a union, so that the flux enters those members.
     junction_edge: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False, kw_only=True)
 
     __getstate__ = state_without_cached
@@ -185,8 +185,8 @@ class EquationAssembly:
     def advection(self, field: StateDependentCoefficient) -> CsrOperator:
         """Return the matrix (n, n) of the integrals of u (w . grad v), with w (p, d) the ``field`` at the samples.
 
-        The integrals of u (w . b) v over boundaries with a flux or Robin condition, b the conormal, are subtracted: the
-        flux there changes with u as it does inside.
+        The integrals of u (w . b) v over boundaries with a flux or Robin condition, b the conormal, are subtracted,
+        since the flux through the boundary changes with u as the flux inside does.
         """
         matrix = convection_matrix(self.coefficients.space.splines, self.coefficients.evaluate_at_state(field))
         slope_rows = [condition.rows for condition in conditions_with_law(self.conditions, Flux, Mixed)]
@@ -285,12 +285,11 @@ class EquationAssembly:
     ) -> Floats | None:
         """Return the integrals (channels,) of du/db over a side of a boundary, a loop of the rim or the whole rim.
 
-        ``boundary`` is a name, or the number of a loop; any other name means the rim. ``where`` selects samples by
-        their points (k, d). They follow from the residual of ``u`` (n, channels) in the weak form with data at
-        ``time``; None if the eigenvalue is a factor of the flux, and for rims without samples, unless A is a tensor:
-        then 0. For a tensor A, du/db is the derivative along A b / (b . A b), b the conormal outwards. Raises
-        InputError if ``side`` is not one of the boundary's, there is no such loop, or it lies on other members of a
-        union.
+        ``boundary`` is the name of a boundary, or the number of a loop; any other name means the rim. ``where`` selects
+        samples by their points (k, d). The integrals follow from the residual of ``u`` (n, channels) in the weak form
+        with data at ``time``. They are None if the eigenvalue is a factor of the flux, and on rims without samples (0
+        if A is a tensor). For a tensor A, du/db is the derivative along A b / (b . A b), b the conormal outwards.
+        Raises InputError if the boundary has no such ``side``, or a loop is missing or on other members of a union.
         """
         sampled, samples = self.coefficients.sampled, self.coefficients.sampled.boundary
         names = [boundary.name for boundary in self.coefficients.boundaries]
@@ -323,7 +322,7 @@ class EquationAssembly:
     # Constants
 
     def free_constants(self, stiffness: Any) -> Border | None:
-        """Return the pieces of the manifold where constants solve A u = 0, and means over them; None if there are none.
+        """Return the pieces of the manifold where constants solve A u = 0, with means over the pieces; None if none.
 
         Raises SceneError if a conservative velocity leaves another function undetermined.
         """

@@ -21,7 +21,8 @@ from cpmkit.types import Floats, Ints
 #: many spacings; where boundaries end, a layer is not resolved, or folds of meshes persist.
 MESH_DIVISOR, TURNING_DIVISOR, CURVED_AREA, SEEN_LAYER_SPACINGS, SLOW_DIVISOR = 2.5, 2.0, 1e-4, 1.6, 0.65
 #: On smooth sources that are curved so sharply on the coarser lattice alone: along an edge whose radius is between both
-#: spacings the largest error hardly falls (of a body with one it was three times the estimate with 6; a torus: 8).
+#: spacings the largest error hardly falls (with a divisor of 6 it was three times the estimate; on a torus 8 was
+#: right).
 BENDING_DIVISOR = 3.0
 #: On meshes that are folded on the coarser lattice, or on the finer one on more than a small share, and where charts
 #: cut at folds alone on one of the lattices; where they cut at voids, on smooth sources whose folds persist on more
@@ -32,23 +33,23 @@ FOLDED_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 1.0, 0.1
 #: cells curved from normals or folded sources (3 to 50, and 2 to 200), where boundaries end (22 to 36, and 25 to 50) or
 #: charts cut at voids (11 to 50), and where they cut at folds alone or ends have singular functions (25 to 135).
 SMOOTH, FLAT, ROUGH, ENDING, FOLDED = (145.0, 175.0), (100.0, 125.0), (22.0, 29.0), (30.0, 37.0), (60.0, 75.0)
-#: The same of cells curved from normals on organic meshes from some 10,000 unknowns on (25 to 50, and 50 to 320).
+#: These two ratios for cells curved from normals on organic meshes from 10,000 unknowns on (25 to 50, and 50 to 320).
 RESOLVED = (32.0, 100.0)
-#: The same where a value and a flux are prescribed side by side, with the root mean square of third differences
-#: multiplied by the largest one in place of squared: they are of order 1.5 and .5 there, the error is of order 1 (15 to
-#: 100, and 6 to 48, at any position and spacing).
+#: The two ratios where a value and a flux are prescribed side by side, with the geometric mean of the root mean square
+#: and the largest third difference: these are of order 1.5 and .5 there, the error is of order 1 (15 to 100, and 6 to
+#: 48, at any position and spacing).
 MIXED = (38.0, 16.0)
 #: Where u is not singular at such a place, although it may be, third differences within the first distance of it are at
 #: most as large as elsewhere (.6 to 1.03 times; where u is singular 1.4 to 25 times).
 NEAR_SPACINGS, NEARBY_FACTOR = 2.5, 1.2
-#: Largest differences of smooth and flat sources are 3 to 8 times their root mean square. Where they are more than the
-#: first factor, and more than the second share of the coefficients' range, there is a peak that the lattice does not
-#: resolve yet, and third differences are too small. They are too small, too, if their root mean square exceeds that
-#: share: a wave has six spacings or fewer. (Below it peaks are jumps beside boundaries, at 6,000 unknowns and more.)
+#: Largest differences of smooth and flat sources are 3 to 8 times their root mean square. If they exceed the first
+#: factor, and the second share of the coefficients' range, there is a peak that the lattice does not resolve yet, and
+#: third differences are too small. They are too small, too, if their root mean square exceeds that share: waves have
+#: six spacings or fewer. (Peaks below that share are jumps beside boundaries, at 6,000 unknowns and more.)
 PEAKED, WAVY = 10.5, 0.1
-#: At least so large a share of the difference between a curved surface and its triangles is in doubt; three times the
-#: share of the area with edges that are not fully supported; and 2.5 times that where more than the last share is not
-#: supported at all. Over true errors of 23 meshes: .8 to 22.
+#: The share of the difference between a curved surface and its triangles that is in doubt: at least the first number,
+#: or the second times the share of the area with edges that are not fully supported, and the third times that where
+#: more than the last share is not supported at all. Over true errors of 23 meshes: .8 to 22.
 LEAST_DOUBT, DOUBT_PER_SHARE, PILLOW_FACTOR, PILLOW_SHARE = 0.1, 3.0, 2.5, 0.05
 
 
@@ -58,15 +59,15 @@ def difference_order(
     """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error, at a ``ratio`` r of spacings.
 
     At r = 2 the divisor r^p - 1 is, on smooth sources, 1.1 to 2.8 with ``degree`` 1, 2.7 to 7 with degree 2 (5.4 to 14
-    for ``eigenvalues``), and 5.4 to 14 with degree 3: the less, the larger the root mean square ``difference``, as a
-    share of the range, and the spacing of ``coarser``, None if unknown, are. It is at most 2.5 on meshes, and less
-    where errors fall slowly.
+    for ``eigenvalues``), and 5.4 to 14 with degree 3. It decreases with the root mean square ``difference`` of the two
+    solutions, a share of the range, and with the spacing of the resolution ``coarser``, None if unknown. On meshes it
+    is at most 2.5, and less where errors fall slowly.
     """
     # at orders 3 and 4 differences are 7 and 15 times the error; of eigenvalues, at order 4, 13 to 17 times (measured)
     smooth = {1: 2.4, 2: 12.0 if eigenvalues else 6.0, 3: 12.0}[degree]
     divisor = _divisor(resolution, smooth, coarser, difference)
-    # r^p - 1 is the divisor at r = 2, and has a value of its own at the root of two; between these two the order is
-    # interpolated in the logarithm of r, and beyond it is constant
+    # the order follows from the divisor at r = 2, and from one of its own at the root of two; it is interpolated in the
+    # logarithm of r between these, and constant beyond
     from_root = float(np.interp(divisor, (0.65, 1.0, 2.5, 6.0, 12.0), (0.42, 0.59, 1.25, 1.8, 2.8)))
     at_root = math.log(1 + from_root) / math.log(math.sqrt(2))
     at_two = math.log2(1 + divisor)
@@ -75,7 +76,7 @@ def difference_order(
 
 
 def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, difference: float) -> float:
-    """Return the divisor at twice the spacing in :func:`difference_order`; ``smooth`` is that of smooth sources."""
+    """Return the divisor r^p - 1 of :func:`difference_order` at r = 2; ``smooth`` is the largest, on smooth sources."""
     if resolution.end_or_layer_reason():
         return SLOW_DIVISOR
     if resolution.coefficients.sampled.slow_part_of_solid or len(resolution.coefficients.sampled.mixed_edge):
@@ -99,14 +100,14 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
         return min(smooth, TURNING_DIVISOR)
     if coarser is not None and coarser.normal_spread.bending_share > CURVED_AREA:
         return min(smooth, BENDING_DIVISOR)
-    # Errors with larger differences, as shares of the range, are not yet in the asymptotic range (of 370 on smooth
-    # surfaces, 5 in 100 had true divisors of degree 2 below 5.8 up to 3e-4, below 3 up to 3e-3, below 1.6 beyond).
+    # With larger differences, as shares of the range, errors are not yet asymptotic (of 370 pairs on smooth surfaces, 5
+    # in 100 had true divisors of degree 2 below 5.8 for differences up to 3e-4, below 3 up to 3e-3, below 1.6 beyond).
     shares = np.array([3e-4, 3e-3, 2e-2])
     factor = float(np.interp(math.log(max(difference, shares[0])), np.log(shares), (7 / 6, 4 / 6, 0.45)))
     if coarser is None:
         return smooth * min(factor, 1.0)
-    # By the coarser spacing as a share of the manifold's largest side (medians of divisors: 8.3 below .13, 7.3 at .18,
-    # 6.4 at .23, 4.5 at .27, 3.4 at .33).
+    # The divisor falls with the coarser spacing, as a share of the manifold's largest side (medians of divisors: 8.3
+    # below .13, 7.3 at .18, 6.4 at .23, 4.5 at .27, 3.4 at .33).
     side = float(np.ptp(np.asarray(coarser.scene.surface.bounds), axis=0).max())
     return smooth * min(factor, float(np.interp(coarser.spacing / side, (0.17, 0.32), (7 / 6, 1 / 2))))
 
@@ -163,7 +164,7 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
 def _is_largest_near(points: Floats, dof_map: DofMap, differences: Floats, patches: Ints) -> bool:
     """Return whether ``differences`` (k, channels), in ``patches`` (k,), of some channel are largest near ``points``.
 
-    That is within `NEAR_SPACINGS` of a point (n, d), `NEARBY_FACTOR` times as large as elsewhere.
+    Largest is `NEARBY_FACTOR` times as large as elsewhere, near is within `NEAR_SPACINGS` of a point (n, d).
     """
     from scipy.spatial import cKDTree
 
@@ -178,8 +179,8 @@ def _is_largest_near(points: Floats, dof_map: DofMap, differences: Floats, patch
 def _rough_ratios(smooth: tuple[float, float], *areas: tuple[float, tuple[float, float]]) -> tuple[float, float]:
     """Return ratios (rms, largest) between ``smooth`` and `ROUGH`, for ``areas``: shares, each with its two limits.
 
-    Below the first limit of each share they are the smooth ratios, above the second of any `ROUGH`; between the limits
-    they are interpolated in the logarithm of the share.
+    They are the smooth ratios if each share is below its first limit, and `ROUGH` if one is above its second; between
+    the limits they are interpolated in the logarithm of the share.
     """
     rough = max(float(np.interp(math.log(max(area, limits[0])), np.log(limits), [0, 1])) for area, limits in areas)
     rms, largest = (first ** (1 - rough) * second**rough for first, second in zip(smooth, ROUGH, strict=True))
@@ -187,11 +188,11 @@ def _rough_ratios(smooth: tuple[float, float], *areas: tuple[float, tuple[float,
 
 
 def highest_differences(dof_map: DofMap, u: Floats) -> tuple[Floats, Ints]:
-    """Return (k, channels) the differences of order degree + 1 of coefficients along axes, and a patch (k,) of each.
+    """Return the differences (k, channels) of order degree + 1 of coefficients along axes, and a patch (k,) of each.
 
-    They are over adjacent patches. ``u`` (n, channels) are the coefficients. Two patches that touch are adjacent along
-    an axis if their lattice cells are neighbours along it and they have the same unknowns at common nodes. A pair gives
-    width^(d - 1) lines of width + 1 coefficients.
+    ``u`` (n, channels) are the coefficients. A difference extends over two adjacent patches: patches that touch, whose
+    lattice cells are neighbours along the axis, and that have the same unknowns at common nodes. A pair of patches
+    gives width^(d - 1) lines of width + 1 coefficients.
     """
     width, d = dof_map.width, dof_map.dim
     signs = [(-1.0) ** (width - place) * math.comb(width, place) for place in range(width + 1)]
@@ -233,7 +234,8 @@ def support_floor(surface: LocalSource, area: float, difference: float | None) -
 def _areas_by_support(surface: LocalSource) -> Floats | None:
     """Return the areas (3,) of a source's triangles: of all, of those with an unsupported edge, with a doubtful edge.
 
-    Doubtful includes unsupported. None without a mesh that is the same at any spacing, or if it was not made yet.
+    For support see :class:`CurvatureSupport`; unsupported edges are doubtful too. None if the source has no mesh that
+    is the same at any spacing, or if that mesh was not made yet.
     """
     cache, support = mesh_cache_of(surface), own_curvature_support(surface)
     if cache is None or support is None:

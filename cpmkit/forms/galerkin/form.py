@@ -51,7 +51,7 @@ from cpmkit.types import Floats, Ints, Side, Sides, SparseMatrix
 
 @dataclass(frozen=True, eq=False)
 class Galerkin(EquationAssembly, Discretized):
-    """A scene discretised on a function space; the unknowns are coefficients, which only the form interprets."""
+    """A scene discretised on a function space; the unknowns are coefficients of splines, not values of u."""
 
     form: ClassVar[str] = "galerkin"
     cannot: ClassVar[Mapping[str, str]] = {
@@ -101,8 +101,8 @@ class Galerkin(EquationAssembly, Discretized):
     def with_scene(self, scene: Scene) -> Galerkin:
         """Return the form on the same space for a scene that differs in its equation and its data only.
 
-        Raises SceneError if the form cannot solve it, or if its velocity or a condition on the edge needs samples on
-        rims that were not made; the errors of its conditions are those of :func:`imposed_conditions`.
+        Raises SceneError if the form cannot solve the scene, or if its velocity or a condition on the edge needs
+        samples on rims that were not made; errors of conditions are those of :func:`imposed_conditions`.
         """
         check_scene(scene, self.options)
         sampled, reads_rims = self.sampled, scene.problem.terms().conservative or needs_rims(scene)
@@ -302,7 +302,7 @@ class Galerkin(EquationAssembly, Discretized):
     def diagnosis(
         self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
     ) -> Diagnosis:
-        """Return the order of the error, why it may fall slowly, the share of pieces with one unknown, and the ties.
+        """Return a record of the order of the error, of reasons for slow convergence, and of unresolved parts.
 
         The parameters are those of :meth:`cpmkit.forms.contract.Discretized.diagnosis`.
         """
@@ -352,7 +352,7 @@ class Galerkin(EquationAssembly, Discretized):
 
     @property
     def _side_moments(self) -> Floats:
-        """The :func:`side_moments` of the boundaries, by which a saved form is compared."""
+        """The :func:`side_moments` of the boundaries, by which a form is compared with a saved form."""
         return side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
 
     def arrays(self) -> dict[str, Any]:

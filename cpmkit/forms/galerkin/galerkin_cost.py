@@ -36,7 +36,7 @@ def _forms_of(form: Discretized) -> list[Galerkin]:
 
 
 def _counts(form: Discretized) -> dict[str, int]:
-    """Return the numbers of unknowns, samples, patches, queries (of closest points) and ties (cut facets), by name.
+    """Return the numbers of unknowns, samples, patches, closest-point queries and facets of ties, by name.
 
     The boundary called NAME has the key ``"boundary NAME"``: its samples.
     """

@@ -25,8 +25,8 @@ def mesh_of_manifold(
 ) -> tuple[LocalSource, Mesh, CellGeometry, tuple[str, ...]]:
     """Return the manifold, its own mesh repaired or else a contoured one, the geometry of the cells, and warnings.
 
-    ``longest`` is that of the edges of curved cells, in spacings. A manifold that is known by closest points alone is
-    returned with their measured noise, and whether it has slight creases.
+    ``longest`` is the largest edge length of curved cells, in spacings. A manifold that is known by closest points
+    alone is returned with the measured noise of closest points, and with the flag of slight creases.
     """
     source_mesh = source_cells(surface, spacing * longest, spacing * PLAIN_EDGE_SPACINGS)
     if source_mesh is None or source_mesh.geometry == "closest_point":

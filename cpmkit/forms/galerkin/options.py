@@ -33,7 +33,8 @@ class Stabilisation:
     e3: float = 0.0  #: Factor of the square of the third derivative along normals, for cubic splines.
 
 
-#: Stabilisation by degree and name: "accurate" leaves .4 to .98 of the error of "default", at 1.4 to 2 times its steps.
+#: Stabilisation by degree and name: "accurate" has .4 to .98 of the error of "default", and 1.4 to 2 times as many
+#: steps.
 STABILISATIONS = {
     1: {"default": Stabilisation(1e-1, 1e-2, 1e-4), "accurate": Stabilisation(1e-2, 1e-2, 1e-4)},
     2: {"default": Stabilisation(1e-2, 1e-2, 1e-4), "accurate": Stabilisation(1e-3, 1e-3, 1e-4)},
@@ -101,7 +102,7 @@ class GalerkinOptions(DeclaredOptions):
 
     @property
     def sampling(self) -> str:
-        """The option ``samples``; with singular unknowns "auto" becomes "clipped": it leaves a third of the error."""
+        """The option ``samples``; with singular unknowns "auto" is "clipped", which has a third of the error."""
         return "clipped" if self.samples == "auto" and self.tips == "singular" else self.samples
 
 
@@ -177,9 +178,9 @@ def option_refused_on(surface: ClosestPointSource, given: Mapping[str, Any]) -> 
 
 
 def reason_against(scene: Scene, given: Mapping[str, Any]) -> str:
-    """Return what the form takes, where a scene on a solid or a union differs from that; "" if it does not.
+    """Return the reason for which the form refuses a scene on a solid or a union, as "the form takes ..."; else "".
 
-    ``given`` are the options by name; those that are missing have their default.
+    ``given`` are the options by name; missing options have their defaults.
     """
     surface, own = scene.surface, GalerkinOptions().as_dict() | {**given}
     dims = member_dimensions(surface)

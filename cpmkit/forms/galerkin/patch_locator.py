@@ -1,4 +1,4 @@
-"""The patch in which u is evaluated at a point: that of the nearest sample on the point's own sheet and side."""
+"""The patch in which u is evaluated at a point: the patch of the nearest sample on the point's own sheet and side."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.types import Bools, Floats, Ints, Side
 
-#: Numbers of nearest samples that are compared: the second where patches that do not touch are among the first, so that
-#: sheets must be separated; more, where all of them lie across a boundary.
+#: Numbers of nearest samples that are compared: the second if some patches of the first samples do not touch, so that
+#: sheets must be separated; more if all samples lie across a boundary.
 NEIGHBOURS = (12, 96, 768)
 #: The factor of distances from the tangent plane of a sample: the point may lie on another sheet.
 HEIGHT_FACTOR = 10.0
-#: The factor of distances from the cell of a sample beside a tie: lips may lie in one plane, or at an acute angle.
+#: The factor of distances from the cell of a sample beside a tie: its sides may lie in one plane, or at an acute angle.
 CELL_FACTOR = 100.0
 #: Points nearer to a boundary than this, in spacings, are evaluated on the side that the caller names: points of a
 #: boundary and their closest points on the manifold differ by up to 1e-6. Without a named side only points on the

@@ -142,7 +142,7 @@ class PointReader:
 
     @cached_property
     def _last_gradient(self) -> dict[str, Floats]:
-        """The last u, and the unknowns of its projected gradient."""
+        """The cache of :meth:`gradient`: the last u, and the unknowns of its projected gradient."""
         return {}
 
     def conormal_derivative(

@@ -22,13 +22,13 @@ from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, p
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats
 
-#: Length of the mean normal under a spline below which the spline is unresolved, and below which the manifold bends
-#: about as sharply as the spacing.
+#: Lengths of the mean unit normal on the support of a spline: below the first the manifold is unresolved there (folded
+#: or creased), below the second it is curved about as sharply as the spacing.
 ALIGNED_LENGTH, BENDING_LENGTH = 0.6, 0.85
-#: Folds persist where more than the first share of the area is on splines under which normals point in many directions,
-#: and more than the second share of that area at twice the spacing: where parts are thinner than both spacings, both
-#: solutions have the same errors there (Nefertiti .5 to 1.9, and estimates without this are a quarter of the error;
-#: Spot, koala and fish .1 to .4 from the second solution on, and estimates without this are right).
+#: Folds persist if the unresolved share of the area exceeds the first number, and the second times the share at twice
+#: the spacing. Parts thinner than both spacings cause the same errors in both solutions: on Nefertiti that quotient is
+#: .5 to 1.9, and estimates without this rule are a quarter of the error; on Spot, koala and fish it is .1 to .4 from
+#: the second solution on, and estimates are right.
 PERSISTING_AREA, PERSISTING_SHARE = 0.005, 0.4
 #: A layer narrower than this, in spacings, is not resolved: estimates were down to .3 of the error at a half, .66 at 1.
 LAYER_SPACINGS = 0.9
@@ -36,12 +36,12 @@ LAYER_SPACINGS = 0.9
 
 @dataclass(frozen=True, eq=False)
 class NormalSpread:
-    """The share of the manifold under splines whose normals spread: limbs, creases, folds and thin edges."""
+    """The share of the manifold on supports of splines where normals spread: limbs, creases, folds and thin edges."""
 
     unresolved_share: float  #: Share of the manifold's measure under unresolved splines.
-    #: (d,): the node, relative to the lattice's origin, of the spline whose normals cancel most; NaN if none do.
+    #: (d,): the node, relative to the lattice's origin, of the spline on whose support normals cancel most; or NaN.
     place: Floats
-    #: Share under splines on which the manifold bends about as sharply as the spacing, unresolved ones included.
+    #: Share where the manifold is curved about as sharply as the spacing, or is unresolved.
     bending_share: float
 
 
@@ -196,7 +196,7 @@ class Resolution:
         return ""
 
     def folds_persist(self, coarser: Resolution) -> bool:
-        """Return whether the folded share exceeds .005, and that of ``coarser`` times .4 for each halving from it."""
+        """Return whether the unresolved share exceeds .005, and .4 times that of ``coarser`` per halving of spacing."""
         share = self.normal_spread.unresolved_share
         halvings = np.log2(coarser.spacing / self.spacing)
         return bool(

@@ -1,7 +1,7 @@
 """Reentrant corners of the rim of a surface: sectors around them, and a warning on thin necks that begin there.
 
-At such a corner u behaves like a root of the distance times a function of the angle. Where charts begin, sectors around
-each corner become charts of their own, whose splines follow the angle.
+At such a corner u behaves like a root of the distance times a function of the angle. Near voids, sectors around each
+corner become charts of their own, so that different splines represent different angles.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ NECK_SPACINGS = 1 / 3
 class RimCorners:
     """Reentrant corners of the rim, and the two edges of the rim that meet at each."""
 
-    places: Floats  #: (c, d)
-    angles: Floats  #: (c,): the interior angle.
-    along: Floats  #: (c, d): a vector along its first edge, away from the corner.
-    inward: Floats  #: (c, 2, d): unit vectors into the surface, normal to its edges.
+    places: Floats  #: (c, d): the corners.
+    angles: Floats  #: (c,): the interior angles.
+    along: Floats  #: (c, d): vectors along the first edges, away from the corners.
+    inward: Floats  #: (c, 2, d): unit vectors into the surface, normal to the two edges.
 
     def sectors(self, points: Floats, spacing: float) -> tuple[Ints, Bools]:
-        """Return the sector (n,) around the nearest corner that contains each point, and whether a corner is near.
+        """Return the sector (n,) around the nearest corner of ``points`` (n, d), and whether a corner is near.
 
-        ``points`` are (n, d). The sector is -1 where all corners are farther than a spacing, near is 1.5 spacings.
+        The sector is -1 where all corners are farther than a spacing; a corner is near within 1.5 spacings.
         """
         from scipy.spatial import cKDTree
 
@@ -76,9 +76,9 @@ def reentrant_corners(mesh: Mesh, rim: Rim) -> RimCorners:
 
 
 def neck_warnings(mesh: Mesh, lattice: Lattice, regions: Regions | None = None) -> Iterator[str]:
-    """Yield a warning on very thin necks: where one begins, the rim on one side of a corner faces a near rim.
+    """Yield a warning on very thin necks: at a corner where a neck begins, one edge of the rim faces a near rim.
 
-    On the other side it faces none so near: a strip of one width is no neck. With ``regions`` spacings are those there.
+    The other edge faces no rim so near: a strip of one width is no neck. ``regions`` give the local spacings.
     """
     if not mesh.connectivity.on_rim.any():
         return

@@ -17,7 +17,7 @@ from cpmkit.types import Floats, Ints, SparseMatrix
 SAME_SIZE_SHARE = 1e-12
 #: Paths are followed up to this multiple of the distance of the farthest corner plus a spacing.
 PATH_FACTOR = 2.0
-#: A path around the end of a slit is longer than a path on the sheet itself; at the end by less than this, in spacings.
+#: A sheet counts as farther if its path is longer by this, in spacings: near the end of a slit paths hardly differ.
 LONGER_SPACINGS = 0.25
 
 
@@ -25,8 +25,8 @@ LONGER_SPACINGS = 0.25
 class SheetSeparation:
     """The mesh of the manifold, by which points are assigned to one of several sheets that lie close together.
 
-    The source names its own triangle or segment that contains a point, and the point lies on the sheet from which the
-    paths over edges of cells to the corners of that triangle are shortest.
+    The source names its own triangle or segment that contains a point. The sheet of the point is the one from which
+    paths along edges of the mesh to the corners of that triangle are shortest.
     """
 
     mesh: Mesh  #: The mesh of the manifold.
@@ -38,9 +38,9 @@ class SheetSeparation:
     def total_path_lengths(self, points: Floats, element: Ints, cells: Ints, group: Ints) -> tuple[Floats, float]:
         """Return path lengths (k, q), least on a point's own sheet, and the least difference that is significant.
 
-        They are the total lengths of the paths from one of the ``points`` (k, d) over the ``group`` (k, q) of each of
-        the ``cells`` (k, q) near it to the corners of the source's own triangle or segment ``element`` (k,) that
-        contains the point. Groups are numbered; -1 stands for cells that are left out, whose lengths are infinite.
+        ``cells`` (k, q) are mesh cells near each of the ``points`` (k, d), and ``group`` (k, q) numbers the sheets to
+        which they belong; -1 excludes a cell. A length is the total of the paths from the point over cells of the group
+        to the corners of ``element`` (k,), the source's own triangle or segment that contains the point.
         """
         size = float(np.ptp(self.mesh.vertices, axis=0).max())
         bound = max(SAME_SIZE_SHARE * size, np.finfo(float).tiny)
@@ -77,10 +77,10 @@ class SheetSeparation:
 
 @compiled
 def group_touching_patches(patches: Ints, pairs: Ints, count: int) -> Ints:
-    """Return the connected components (k, q) of the ``patches`` (k, q) in each row, as the first column of each.
+    """Return the component (k, q) of each of the ``patches`` (k, q), connected within rows if patches touch.
 
-    Two patches of a row are connected if they touch. ``pairs`` (t,) are the ascending codes ``first * count + second``
-    of patches that touch, first < second; ``count`` is the number of patches.
+    A component is numbered by its first column. ``pairs`` (t,) are the ascending codes ``first * count + second`` of
+    patches that touch, first < second; ``count`` is the number of patches.
     """
     rows, width = patches.shape
     group, parent = np.empty((rows, width), dtype=np.int64), np.empty(width, dtype=np.int64)
@@ -119,14 +119,14 @@ def add_path_lengths(
     steps: Floats,
     lengths: Floats,
 ) -> None:
-    """Add to ``lengths`` (k, q) those of the shortest paths from ``points`` (k, d) over the cells of a group to ends.
+    """Add to ``lengths`` (k, q) those of the shortest paths from ``points`` (k, d) over cells of a group to its ends.
 
-    All cells of a ``group`` (k, q) have the same length. ``cells`` (k, q, c) are the corners of the cells near each
-    point among ``vertices`` (n, d), ``ends`` (k, c) the vertices at which its paths end, -1 for none, and ``order``
-    (m,) the places in ``ends.ravel()`` of those that are not, by ascending vertex. Paths longer than ``reach`` (k,)
-    count as infinite. The neighbours of each vertex over edges are in compressed rows, ``starts`` (n + 1,) and
-    ``others`` (2 e,), with the lengths ``steps`` (2 e,) of the edges. Paths are followed from each end, once for all
-    points whose paths end there.
+    ``cells`` (k, q, c) are the corners, among ``vertices`` (n, d), of the q cells near each point, and ``group`` (k, q)
+    their groups. All cells of a group have the same length; cells of group -1 are left out. ``ends`` (k, c) are the
+    vertices at which the paths of each point end, -1 for none, and ``order`` (m,) the places in ``ends.ravel()`` of
+    those that are not, by ascending vertex. Paths longer than ``reach`` (k,) count as infinite. The neighbours of each
+    vertex are in compressed rows, ``starts`` (n + 1,) and ``others`` (2 e,), with the lengths ``steps`` (2 e,) of the
+    edges. Paths are followed from each end, once for all points.
     """
     width, corners, per_row = cells.shape[1], cells.shape[2], ends.shape[1]
     least, distance, waiting = np.empty(width), np.empty(len(vertices)), np.empty(len(vertices), dtype=np.bool_)

@@ -24,11 +24,12 @@ from cpmkit.types import SIDES, Floats, Ints
 if TYPE_CHECKING:
     from cpmkit.forms.galerkin.resolution import NormalSpread
 
-#: Values at a crossing that differ by less than this share of their size count as equal: it is not exactly a vertex.
+#: Values at a crossing that differ by less than this share of their size count as equal: vertices are not exactly
+#: there.
 DIFFERENT_SHARE = 0.01
 #: A layer of width a / v . b is reported where it is narrower than this share of the spacing.
 OUTFLOW_LAYER_SPACINGS = 0.25
-#: Folds are reported where more than this share of the area is on splines under which normals point in many directions.
+#: Folds are reported if the unresolved share of the area (:attr:`NormalSpread.unresolved_share`) exceeds this.
 FOLDED_SHARE = 0.03
 #: Nodes with several unknowns are reported where these are more than this share of the nodes.
 COPIES_SHARE = 0.5
@@ -145,7 +146,7 @@ def outflow_layer_warnings(terms: ConditionTerms) -> Iterator[str]:
 def resolution_warnings(
     dof_map: DofMap, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, geometry: CellGeometry
 ) -> Iterator[str]:
-    """Yield warnings on isolated pieces beside others, and for cells of closest points on many unknowns at equal nodes.
+    """Yield warnings on isolated pieces, and if cells follow closest points on many nodes with several unknowns.
 
     ``pieces`` are the number of connected pieces and the piece (n,) of each unknown; ``boundaries`` (b,) the patches of
     the samples on boundaries, where nodes have several unknowns by construction; ``geometry`` is that of the cells.

@@ -27,8 +27,8 @@ from cpmkit.scene.scene import Scene
 SAMPLES_PER_UNKNOWN = {1: 30.0, 2: 20.0, 3: 40.0}
 #: Bytes of the factors per unknown of a surface, over the cube root of the number of unknowns (measured).
 FACTORS_BYTES = 540.0
-#: Bytes of a solid in space, per unknown and per its number to the power 2/3, as cells that the skin cuts have, and of
-#: the factors per unknown over the cube root of the number (measured on balls of 7,600 and 28,000 unknowns: 33 and 24
+#: Bytes of a solid in space: per unknown; of cells that the skin cuts, per number of unknowns to the power 2/3; and of
+#: the factors, per unknown over the cube root of the number (measured on balls of 7,600 and 28,000 unknowns: 33 and 24
 #: thousand an unknown with values on the skin, 16 without; 38 and 59 with factors).
 SOLID_BYTES, SKIN_BYTES, SOLID_FACTORS_BYTES = 8e3, 5e5, 1400.0
 #: Bytes per unknown of steps in time: the mass matrix, and matrices shifted by it (measured: 2500, and more on the
@@ -71,7 +71,7 @@ class SolveMemory:
         return self.options.own.degree
 
     def factorised_part(self, solver: str) -> Literal["", "all", "blocks"]:
-        """Return the part of matrices that a solver factorises: "all", "blocks" where there is a velocity, "" for none.
+        """Return which part of matrices a solver factorises: "all", "blocks" (with a velocity), or "" for none.
 
         The coarsest level of multigrid does not count.
         """
@@ -82,7 +82,7 @@ class SolveMemory:
     def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
         """Return the bytes at the peak of a solve with ``solver`` for so many ``unknowns``.
 
-        It assumes the usual number of samples, or that of ``work``, of a coarser solve, if it is larger.
+        The number of samples is the usual one, or if larger that of ``work``, the record of a coarser solve.
         """
         usual = SAMPLES_PER_UNKNOWN[self.degree] * unknowns
         return self.bytes_with_samples(unknowns, solver, usual if work is None else max(usual, float(work.samples)))
@@ -141,10 +141,10 @@ class SolveMemory:
         check_spacing_fits(needed, unknowns, self.options.spacing, fitting, solver, "multigrid")
 
     def expected_unknowns(self) -> float:
-        """Return the approximate number of unknowns at the spacing: that of a closest point band of the same degree.
+        """Return the approximate number of unknowns at the spacing: the nodes of a closest point band of equal degree.
 
-        Unknowns of degree 2 are 1.00 of it on a sphere, .98 on a circle, .94 on Dziuk's surface, .88 on Spot and .66 on
-        a knot in space (measured).
+        At degree 2 the share of these nodes that are unknowns is 1.00 on a sphere, .98 on a circle, .94 on Dziuk's
+        surface, .88 on Spot and .66 on a knot in space (measured).
         """
         surface = self.surface
         return unknowns_at_unit_spacing(surface, self.degree) / self.options.spacing**surface.largest_dim

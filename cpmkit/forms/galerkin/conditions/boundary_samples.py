@@ -35,11 +35,10 @@ def correct_sliver_conormals(
 ) -> Floats:
     """Return ``conormals`` (n, g, d) at g points of each of n edges, recomputed where the triangle is a sliver.
 
-    The height of a sliver over the edge is below `SLIVER_SHARE` of the edge. New conormals are computed from the
-    triangles of ``mesh`` near the ends of the edge on the same side of the boundary: normal to the unit ``tangents``
-    (n, g, d) of the edge, in the mean tangent plane, away from the mean position of these triangles. The edges are
+    A sliver has a height over the edge below `SLIVER_SHARE` of the edge. The new conormal is normal to the unit
+    ``tangents`` (n, g, d) of the edge, lies in the mean tangent plane of the triangles of ``mesh`` near the ends of the
+    edge on the same side of the boundary, and points away from the mean position of these triangles. The edges are
     opposite to corner ``facet`` (n,) of ``cell`` (n,); ``corners`` (m, 3) are the vertices of all cells after cutting.
-    Without slivers the array itself is returned, else a copy.
     """
     ends = (facet[:, None] + np.array([1, 2])) % 3
     tail, head, apex = (mesh.vertices[mesh.cells[cell, k]] for k in (*ends.T, facet))
@@ -112,11 +111,11 @@ def _quadratic_tangents(x: Floats, m: Floats, points: Floats) -> tuple[Floats, F
 def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed_: Bools) -> FacetPoints:
     """Return the points (n, g, d), weights (n, g), conormals (n, g, d) and normals (n, g, d - 2, d) on triangle edges.
 
-    There are g = `POINTS_OF_EDGE` Gauss points on each edge, with unit conormals out of the cell and unit normals. With
-    barycentric coordinates l and edge midpoints m opposite to corners x, quadratic triangles are
-    ``y = sum_i l_i (2 l_i - 1) x_i + 4 l_(i+1) l_(i+2) m_i``. The edges are opposite to corner ``facet`` (n,) of
-    ``cell`` (n,), and traversed against the cell's orientation where ``reversed_`` (n,), so that the cells on both
-    sides give the same points. ``corners`` (m, 3) are the vertices of the cells of ``mesh`` after cutting.
+    Each edge has g = `POINTS_OF_EDGE` Gauss points, with unit conormals out of the cell and unit normals. The edges are
+    opposite to corner ``facet`` (n,) of ``cell`` (n,). An edge is traversed against the cell's orientation where
+    ``reversed_`` (n,) is true, so that the cells on both of its sides give the same points. ``corners`` (m, 3) are the
+    vertices of the cells of ``mesh`` after cutting. A quadratic triangle with corners x, opposite edge midpoints m and
+    barycentric coordinates l is ``y = sum_i l_i (2 l_i - 1) x_i + 4 l_(i+1) l_(i+2) m_i``.
     """
     tail, head = (facet + 1) % 3, (facet + 2) % 3
     tail, head = np.where(reversed_, head, tail), np.where(reversed_, tail, head)
@@ -161,9 +160,10 @@ def _select_corner(values: Floats, which: Ints) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class BoundarySamples(Rows):
-    """Points at which conditions are imposed: `POINTS_OF_EDGE` on an edge, one at an end or a point of a surface.
+    """Points at which conditions are imposed: `POINTS_OF_EDGE` on an edge of a triangle, one at an end of a segment.
 
-    A facet has these samples once for each cell beside it, at the same points and in the same order along the facet.
+    A facet between two cells has these samples twice, once per cell, at the same points and in the same order. A
+    boundary that is a point of a surface has one sample.
     """
 
     points: Floats  #: (b, d): positions relative to the lattice's origin.
@@ -174,7 +174,7 @@ class BoundarySamples(Rows):
     normals: Floats  #: (b, c, d): orthonormal bases of the normal space of the manifold.
     cell: Ints  #: (b,): the cell of each sample.
     centres: Floats  #: (b, d): the mean of the corners of that cell; at points of a surface the point.
-    half: Ints  #: (b,): the half facet in `HalfFacets` that each sample lies on; -1 at points of a surface.
+    half: Ints  #: (b,): the row in `HalfFacets` of the sample's cell and facet; -1 at points of a surface.
     #: (b,): the number of the facet in ``mesh.cut``; -1 on rims where no boundary lies, and at points of a surface.
     facet: Ints
     place: Ints  #: (b,): the number of the sample along the facet, from 0.

@@ -1,9 +1,9 @@
 """Which cells beside a boundary are on its left, and coefficients on each side: widths and jumping diffusivities.
 
-In the mesh, which is cut along boundaries, half facets (facets seen from one cell) are on the same side of a boundary
-if they share a corner of the cut mesh between two facets of the boundary. The scene defines which side is left
-(:class:`cpmkit.scene.oriented.OrientedBoundary`). Its directions are summed along each connected piece of the
-boundary, since they may be wrong at single samples where the boundary is not on the manifold or turns sharply.
+A half facet is a facet of the mesh seen from one of its cells. Half facets are on the same side of a boundary if they
+share a vertex of the mesh cut along boundaries. The scene defines which side is left
+(:class:`cpmkit.scene.oriented.OrientedBoundary`). Its directions to the left are summed along each connected piece of
+the boundary, since single directions may be wrong where the boundary is not on the manifold or turns sharply.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ def left_of_boundaries(
 ) -> Bools:
     """Return whether each boundary sample (b,) is on the left of its boundary.
 
-    ``half`` are the n facets of the ``mesh`` on boundaries, ties and rims, once for each cell beside them; ``corners``
-    (m, k) are the vertices of the cells after cutting along boundaries alone; ``samples`` lie on these half facets,
-    with coordinates relative to the origin of the ``lattice``. The ``boundaries`` are numbered as in ``mesh.owner``.
-    The result is false at points of a surface, on boundaries without sides, and where no boundary lies.
+    ``half`` are the n half facets on boundaries, ties and rims, on which the ``samples`` lie; ``corners`` (m, k) are
+    the vertices of the cells after cutting along boundaries alone. Coordinates are relative to the origin of the
+    ``lattice``. The ``boundaries`` are numbered as in ``mesh.owner``. The result is false at points of a surface, on
+    boundaries without sides, and where no boundary lies.
     """
     n = len(half.cell)
     if not n or not len(samples):
@@ -79,9 +79,9 @@ def left_of_boundaries(
 def side_moments(samples: BoundarySamples, left: Bools, count: int) -> Floats:
     """Return moments (count, d, d + 1) of the conormals out of the left side of each of ``count`` boundaries.
 
-    They are the integrals of the conormal times 1 and times each coordinate, zero for boundaries at points. They change
-    sign if left and right are swapped, except on rims, and hardly depend on the facets into which the boundary is
-    divided. ``left`` (b,) is whether each sample is on the left.
+    The moments are the integrals of the conormal times 1 and times each coordinate, zero for boundaries at points. They
+    change sign if left and right are swapped, except on rims, and hardly depend on how facets divide the boundary.
+    ``left`` (b,) is whether each sample is on the left.
     """
     dim = samples.points.shape[1]
     moments = np.zeros((count, dim, dim + 1))
@@ -115,10 +115,10 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
 
 
 def _side_and_piece_labels(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
-    """Return labels (n,) of half facets, by which votes for left are summed: of one side of a piece, and of the piece.
+    """Return two labels (n,) of each half facet, by which votes are summed: the side of its piece, and its piece.
 
-    A piece is facets of a boundary, connected at vertices where exactly two facets of boundaries meet. Each facet on no
-    boundary has labels of its own. ``corners`` (m, k) are the vertices of the cells after cutting along boundaries.
+    A piece is a set of facets of a boundary, connected at vertices where exactly two facets of boundaries meet. A facet
+    on no boundary has labels of its own. ``corners`` (m, k) are the vertices of cells after cutting along boundaries.
     """
     n, k = len(half.cell), mesh.cells.shape[1]
     owner = np.append(mesh.owner, -1)[half.cut]  # negative on rims and ties
@@ -147,7 +147,7 @@ def _renumber(labels: Ints) -> Ints:
 
 
 def _has_cell_beyond(half: HalfFacets) -> Bools:
-    """Return which half facets (n,) are on cuts that have a cell on the other side too, not on a rim."""
+    """Return whether (n,) each half facet has a cell on its other side."""
     on = half.cut >= 0
     count = np.bincount(half.cut[on], minlength=int(half.cut.max(initial=-1)) + 1)
     twice = np.zeros(len(half.cut), dtype=bool)
@@ -155,10 +155,10 @@ def _has_cell_beyond(half: HalfFacets) -> Bools:
     return twice
 
 
-#: Ratio of area to boundary length, weighted with the splines at a sample, in spacings, where the manifold is wide.
+#: Ratio of integrals over the manifold and over a straight boundary, weighted with splines, where the manifold is wide.
 WIDE_SHARE = 0.89
-#: Data are evaluated at this distance from the boundary inside their side, in widths, and at twice this distance: a
-#: boundary that was moved to the surface is nearer than that to the interface of materials.
+#: Data are evaluated at once and twice this distance from the boundary, in local widths: a boundary that was moved to
+#: the surface is nearer than that to the interface of materials.
 READ_INSIDE_WIDTHS = 0.25
 #: A value whose logarithm differs by more from the mean nearby belongs to another zone: both values may do so in a
 #: sliver that a boundary cuts off beside an edge of the mesh.
@@ -207,8 +207,8 @@ class OneSidedLimits:
 
         With s = b . A b and the direction A b / s, whose component along b is 1, the flux is s times the derivative
         along that direction: all conditions hold unchanged with s as diffusivity and this derivative as du/db. The mean
-        of A over tangents is extrapolated as in :meth:`value`, the ratio A to mean linearly from two points inside. If
-        b . A b would fall to less than half its value at the nearer point, the ratio is that at the nearer point.
+        of A over tangents is extrapolated as in :meth:`value`, and A over its mean linearly from two points inside. If
+        b . A b would fall to less than half its value at the nearer point, that ratio is taken from the nearer point.
         Raises InputError if the mean is not positive.
 
         ``tensors``: A as a function of points (b, d) in the scene's coordinates that returns (b, d, d).
@@ -245,10 +245,10 @@ class OneSidedLimits:
         The logarithm of the function is evaluated at one and two steps against the conormal, and at one and two steps
         towards the centre of the cell, and each pair is extrapolated linearly to the sample. The first pair of points
         may lie in another zone where boundaries meet, the second pair beyond an interface of materials that is not
-        exactly on the boundary: the first limit is taken unless the second is clearly nearer to :attr:`around`, which
-        replaces a limit far from it. On rims, and where the function is smooth across the boundary (its third
-        difference is at most its second: a jump would be a smaller error), it is evaluated at the sample itself. The
-        second result is true there too. Raises InputError if a value is not positive.
+        exactly on the boundary. The first limit is taken unless the second is clearly nearer to :attr:`around`; a limit
+        far from :attr:`around` is replaced by it. On rims, and where the function is smooth across the boundary (its
+        third difference is at most its second), it is evaluated at the sample itself, and the second result is true.
+        Raises InputError if a value is not positive.
         """
 
         def logarithm(step: Floats | float) -> Floats:

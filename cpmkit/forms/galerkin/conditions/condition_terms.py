@@ -99,7 +99,7 @@ class ConditionTerms:
 
     @property
     def for_laplacian(self) -> ConditionTerms:
-        """The conditions on Lap u: 0 or a support's ``laplacian`` where u is given; ties continuous; else no flux."""
+        """The laws for Lap u: 0 or a support's ``laplacian`` where u is given; continuity at ties; else zero flux."""
         conditions = [replace(condition, law=condition.law.of_laplacian) for condition in self.conditions]
         return replace(self, conditions=tuple(conditions))
 
@@ -135,10 +135,10 @@ class ConditionTerms:
     def flux(self, u: Floats, chosen: Bools, time: float | None) -> Floats | None:
         """Return the integrals (channels,) of du/db over ``chosen`` samples, with b the conormal out of their cells.
 
-        They are computed from the residual of the weak form for a test function that is 1 / a at these samples, 0 at
-        the others, and has no slope: for Nitsche's terms the sum over samples of ``du/db - B (u - g) / w``, similarly
-        for couplings and fluxes. This converges with the order of the energy, not that of the gradient. For a = 1 the
-        sum over all boundaries of a connected piece balances the integral of f over it, to the solver's tolerance.
+        The integrals are residuals of the weak form for a test function that is 1 / a at these samples, 0 at the
+        others, and has no slope: for Nitsche's terms the sum over samples of ``du/db - B (u - g) / w``, similarly for
+        couplings and fluxes. They converge with the order of the energy, not that of the gradient. For a = 1 the sum
+        over all boundaries of a connected piece balances the integral of f over the piece, to the solver's tolerance.
 
         ``u`` (n, channels) are the unknowns of the solution, ``chosen`` (b,) is whether a sample is included, as on one
         side of a boundary or on the rim, and data are evaluated at ``time``. None if a condition at these samples has
@@ -248,7 +248,7 @@ class ConditionTerms:
         return AddedTerms(load @ self.linear_forms(value, *rows), load, data)
 
     def sum_of_products(self, products: Sequence[tuple[Floats, Floats]], *rows: Ints) -> csr_array:
-        """Return the matrix (n, n) of ``products`` of linear forms at the samples ``rows``, with transposed ones."""
+        """Return the sum (n, n) of ``x^T y + y^T x`` over ``products`` (x, y) of linear forms at samples ``rows``."""
         from scipy.sparse import csr_array
 
         forms = [
@@ -260,7 +260,7 @@ class ConditionTerms:
 
     def linear_forms(self, factors: Floats, *rows: Ints) -> csr_array:
         """Return the matrix (k, n) of the linear forms ``factors`` (k, s, 2) at the samples ``rows``, s times (k,)."""
-        if len(rows) == 1:  # without the traces of all samples, of which a skin has many
+        if len(rows) == 1:  # avoids the traces of all samples: a skin has many
             of_value, of_slope = factors[:, 0].T
             forms = scaled_rows(self.values[rows[0]], of_value)
             return forms + scaled_rows(self.slopes[rows[0]], of_slope) if of_slope.any() else forms

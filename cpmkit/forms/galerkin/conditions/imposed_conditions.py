@@ -55,8 +55,8 @@ class ImposedCondition:
 
     law: Any  #: Law or Tie: the law of the scene's condition, or the continuity of u where the mesh is cut.
     label: str  #: Name of the place in messages.
-    #: The samples (k,); for a law that couples both sides those on the left, then those at the same points on the
-    #: right; for a tie those of each lip.
+    #: The samples (k,); for a law that couples both sides the samples on the left, then those at the same points on the
+    #: right; for a tie the samples of each lip: of each cell that meets the others there.
     sides: tuple[Ints, ...]
     kind: str = ""  #: The name of the condition.
 
@@ -93,9 +93,10 @@ def needs_rims(scene: Scene) -> bool:
 
 
 def part_function(scene: Scene, lattice: Lattice) -> PartAt | None:
-    """Return the function that gives the part of the edge at points relative to the lattice's origin; None without.
+    """Return the function that gives the part of the edge at points relative to the lattice's origin; None if no parts.
 
-    Parts with one condition are one part; with several loops a part is one of each loop, as if all loops passed there.
+    Parts with equal conditions count as one. If loops have different parts, the result is the combination of the parts
+    that each loop would have at the point.
     """
     loops = []
     for loop in loops_of_edge(scene.edge).values():
@@ -234,7 +235,7 @@ def _rim_conditions(
 
 
 def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
-    """Return the number (k,) of the rim loop at each sample, that of the nearest if unknown; -1 if known at none."""
+    """Return the number (k,) of the rim loop at each sample, if unknown that of the nearest sample; -1 if all are."""
     from scipy.spatial import KDTree
 
     target: Floats = samples.points + PAST_RIM_SPACINGS * spacing * samples.conormals
@@ -246,7 +247,7 @@ def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) ->
 
 
 def tie_conditions(samples: BoundarySamples) -> Iterator[ImposedCondition]:
-    """Yield the conditions of continuity at ties, one for each number of lips: the cells that meet at a facet."""
+    """Yield the conditions of continuity at ties, one for each number of lips (cells that meet at a facet)."""
     rows = np.flatnonzero(samples.on_tie)
     key = POINTS_OF_EDGE * samples.facet[rows] + samples.place[rows]
     order = rows[np.argsort(key, kind="stable")]

@@ -93,8 +93,8 @@ def interface_products(
 ) -> tuple[list[tuple[Floats, Floats]], list[Floats]]:
     """Return the products that couplings add to the matrix, and the factors of the jump and of the flux in the load.
 
-    A product is a pair of linear forms, of which the transposed product is added too; the two factors are such forms.
-    All are (k, 2, 2), on the left and on the right.
+    A product is a pair of linear forms, and its transpose is added too; the two factors are linear forms. All forms are
+    (k, 2, 2): the factors of u and du/db on the left, then on the right.
 
     ``a``, ``widths`` two (k,) float64: the diffusivity and the local width on the left, and on the right.
     ``resistance``, ``weights`` (k,): the resistance R, zero where u is continuous; the weights s of the samples.
@@ -118,7 +118,7 @@ def interface_products(
 
 
 def tie_products(a: Floats, widths: Floats, weights: Floats) -> list[tuple[Floats, Floats]]:
-    """Return the products that a tie of m lips adds to the matrix, of forms (k, m, 2); transposed ones are added too.
+    """Return the products of forms (k, m, 2) that a tie of m lips adds to the matrix; transposes are added too.
 
     ``a``, ``widths`` (k, m): the diffusivity and the local width at each lip.
     ``weights`` (k,): the weights s of the samples.

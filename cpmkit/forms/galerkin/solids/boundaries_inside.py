@@ -1,6 +1,6 @@
-"""Boundaries inside a solid as cells on both of their sides: curves in a plane one, and what surfaces have as well.
+"""Boundaries inside a solid as pairs of cells, one per side: curves in a plane solid, and functions for surfaces too.
 
-Curves may end on the skin and cross each other: they are split where they meet, and what lies outside is left out.
+Curves may end on the skin and cross each other: they are split where they meet, and parts outside are left out.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Bools, Floats, Ints
 
-#: A boundary that ends at less than this distance from the skin or another one, in spacings, without meeting it, is
-#: refused: it is probably meant to meet it.
+#: A boundary that ends at less than this distance, in spacings, from the skin or another boundary without meeting it is
+#: refused: the two are probably meant to meet.
 NEAR_MISS_SPACINGS = 0.05
 #: The message about a boundary outside of the solid.
 OUTSIDE = "boundary {!r} lies outside the solid and would act on nothing; look where it lies."
@@ -72,7 +72,8 @@ def split_where_curves_meet(
 
     If ``is_graded``, boundaries and extensions are split near tips too, ever more finely.
 
-    Raises SceneError if two of them touch or run along each other, or a boundary almost meets another part.
+    ``names`` are those of the boundaries. Raises SceneError if two curves touch or run along each other, or a boundary
+    ends very near another curve without meeting it.
     """
     skin_parts = [part for member in skin for part in member]
     count = len(skin_parts)
@@ -123,9 +124,9 @@ def _graded(extension: Mesh, distances: Floats) -> Mesh:
 
 
 def _meetings(curves: Sequence[Curve], labels: Sequence[str], count: int, length: float) -> list[Floats]:
-    """Return the points (k, 2) of each curve at which it meets others; the first ``count`` are the skin's.
+    """Return the points (k, 2) of each curve at which it meets others; the first ``count`` curves are the skin.
 
-    Raises SceneError, by the ``labels`` of curves, if two touch or run along each other.
+    Raises SceneError, with the ``labels`` of two curves, if they touch or run along each other.
     """
     meetings = [mesh.vertices[:0] for _, mesh in curves]
     for i, j in combinations(range(len(curves)), 2):
@@ -148,7 +149,7 @@ def _are_apart(first: Mesh, second: Mesh, gap: float) -> bool:
 
 
 def _check_not_near(tip: Floats, number: int, curves: Sequence[Curve], labels: Sequence[str], lattice: Lattice) -> None:
-    """Raise SceneError if the ``tip`` (d,) of the curve with this ``number`` almost meets another one."""
+    """Raise SceneError if the ``tip`` (d,) of the curve ``number`` is very near another curve without meeting it."""
     for other, (curve, _) in enumerate(curves):
         gap = float(curve.closest_point(tip[None]).distance[0])
         if other != number and gap < NEAR_MISS_SPACINGS * lattice.spacing:
@@ -163,7 +164,7 @@ def _shorten(
 ) -> None:
     """Shorten segment ``tip`` of an ``extension``, in place, to where it meets a curve or comes near another tip.
 
-    ``tips`` (k, 2) are the ends of all curves. The point where it meets a curve is added to its ``meetings``.
+    ``tips`` (k, 2) are the ends of all curves. Where the segment meets a curve, the point is added to its ``meetings``.
     """
     at, ahead = extension.vertices[2 * tip : 2 * tip + 2]
     others = norms(tips - at)
@@ -176,7 +177,7 @@ def _shorten(
 
 
 def _tips(mesh: Mesh, meetings: Floats, solid: LocalSource) -> Ints:
-    """Return the vertices (k,) at which a curve ends inside the ``solid``, and not at its ``meetings`` (n, 2)."""
+    """Return the vertices (k,) at which a curve ends inside the ``solid`` and meets no other: not at ``meetings``."""
     ends = np.flatnonzero(np.bincount(mesh.cells.ravel(), minlength=len(mesh.vertices)) == 1)
     ends = ends[solid.closest_point(mesh.vertices[ends]).edge < 0]
     apart = norms(mesh.vertices[ends, None] - meetings).min(axis=1, initial=np.inf)
@@ -184,9 +185,9 @@ def _tips(mesh: Mesh, meetings: Floats, solid: LocalSource) -> Ints:
 
 
 def _first_meeting(start: Floats, end: Floats, curve: Curve, length: float) -> tuple[Floats, Floats]:
-    """Return the ``end`` (d,) of a segment from ``start`` (d,), moved to where it first meets a ``curve``.
+    """Return the ``end`` (d,) of a segment from ``start`` (d,), moved to where the segment first meets a ``curve``.
 
-    The second result (k, d) is that point, if it exists.
+    The second result is that point as (1, d), or (0, d) if the segment meets the curve nowhere.
     """
     segment = Mesh.of(np.stack([start, end]), np.array([[0, 1]]))
     reach = 0.5 * float(norms(end - start))
@@ -227,10 +228,10 @@ def with_curves_inside(
 
 
 def _two_sided(part: FlatPart, mesh: Mesh, number: int, plus: Bools, beyond: Bools) -> Skin:
-    """Return the cells of a boundary inside, and then the same with opposite normals.
+    """Return the cells of a boundary inside, followed by the same cells with opposite normals.
 
-    ``number`` is that of the boundary, ``plus`` (m,) whether its left is where normals point, ``beyond`` (m,) whether a
-    cell is past a tip.
+    ``number`` is that of the boundary, ``plus`` (m,) is whether its left side is where the normals of ``mesh`` point,
+    and ``beyond`` (m,) whether a cell is past a tip.
     """
     turned = with_turned(mesh, np.arange(len(mesh.cells)))
     midpoints = None
@@ -259,9 +260,9 @@ def _cells_inside(mesh: Mesh, solid: LocalSource, name: str) -> Mesh:
 
 
 def left_of_normals(mesh: Mesh, boundary: OrientedBoundary, lattice: Lattice) -> Bools:
-    """Return (m,) whether the left of a ``boundary`` is where the normals of its cells point.
+    """Return whether (m,) the left side of a ``boundary`` is where the normal of each of its cells points.
 
-    It is the same all over a part of the boundary whose cells can be oriented alike.
+    The result is the same for all cells of a connected part that are oriented alike.
     """
     areas = areas_of(mesh)
     feet, on = boundary.feet(lattice.to_scene(mesh.centres) - boundary.left.origin)

@@ -26,7 +26,7 @@ LONGEST_EXTENSION = 1.5
 
 
 def quadratic(mesh: Mesh) -> Mesh:
-    """Return the triangles with midpoints, of straight edges if they have none."""
+    """Return a mesh of triangles with midpoints; if it has none, those of straight edges."""
     return mesh if mesh.midpoints is not None else mesh.with_same_cells(midpoints=straight_midpoints(mesh))
 
 
@@ -45,7 +45,7 @@ def _near_solid(own: OwnedMesh, solid: LocalSource, name: str) -> OwnedMesh:
 
 
 def continuations(part: FlatPart, number: int, name: str, solid: LocalSource, lattice: Lattice) -> Iterator[OwnedMesh]:
-    """Yield the triangles of surface ``number`` with its rims continued, in the order in which they are tried."""
+    """Yield versions of surface ``number`` with its rims continued less and less, in the order in which to try them."""
     mesh = quadratic(part.curved(lattice, divided=True))
     for extension in EXTENSION_SHARES:
         length = extension * EXTENDED_SPACINGS * lattice.spacing
@@ -62,7 +62,7 @@ def continuations(part: FlatPart, number: int, name: str, solid: LocalSource, la
 
 
 def _with_short_continuations(own: OwnedMesh, lattice: Lattice) -> OwnedMesh:
-    """Return the triangles with those of continuations halved until no edge is long."""
+    """Return the triangles with those of continuations halved until no edge exceeds `LONGEST_EXTENSION` spacings."""
     while True:
         edges = own.mesh.edges
         on_strip = np.zeros(len(edges.ends), dtype=bool)
@@ -75,7 +75,7 @@ def _with_short_continuations(own: OwnedMesh, lattice: Lattice) -> OwnedMesh:
 
 
 def _meets_itself(wide: Mesh, count: int, part: FlatPart, length: float, lattice: Lattice) -> bool:
-    """Return whether a surface comes near its own continuation by ``length``, whose vertices follow the ``count``."""
+    """Return whether a surface comes near its continuation by ``length``, the vertices of ``wide`` from ``count``."""
     edges = wide.edges.ends
     spokes = edges[(edges.min(axis=1) < count) & (edges.max(axis=1) >= count)]
     start, end = (wide.vertices[each(spokes, axis=1)] for each in (np.min, np.max))

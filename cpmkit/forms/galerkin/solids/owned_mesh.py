@@ -11,7 +11,7 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.quadratic_surface import edge_numbers, extremes_at_edges, split_edges
 from cpmkit.types import Bools, Floats, Ints
 
-#: A surface that ends nearer to the skin or another one than this, in spacings, ends on it.
+#: A surface that ends nearer to the skin or another surface than this, in spacings, counts as ending on it.
 ON_SPACINGS = 0.05
 
 
@@ -24,13 +24,13 @@ class OwnedMesh:
     beyond: Bools  #: (m,): whether a triangle continues a surface past a rim.
 
     def take(self, rows: Bools | Ints, mesh: Mesh | None = None) -> OwnedMesh:
-        """Return the triangles ``rows``; or those of a ``mesh`` whose parents these are."""
+        """Return the triangles ``rows``; or those of a ``mesh``, if given, whose parents are the triangles ``rows``."""
         if mesh is None:
             mesh = part_of(self.mesh, rows)
         return OwnedMesh(mesh, self.owner[rows], self.beyond[rows])
 
     def near_rims(self, lattice: Lattice) -> Floats:
-        """Return (v,) the distance from another surface at which a vertex lies on it: positive where a rim was."""
+        """Return the tolerance (v,) within which a vertex lies on another surface: positive at vertices of rims."""
         continued, given = np.zeros((2, len(self.mesh.vertices)), dtype=bool)
         continued[self.mesh.cells[self.beyond]], given[self.mesh.cells[~self.beyond]] = True, True
         return np.where(continued & given, ON_SPACINGS * lattice.spacing, 0.0)
@@ -51,7 +51,7 @@ def part_of(mesh: Mesh, rows: Bools | Ints) -> Mesh:
 
 
 def halved(own: OwnedMesh, cells: Ints) -> OwnedMesh:
-    """Return the triangles with all edges of ``cells`` (k,) halved, the longest first: the parts are not thin."""
+    """Return the triangles with all edges of ``cells`` (k,) halved, the longest first, so that no part is thin."""
     edges = np.unique(own.mesh.edges.of_cells[cells])
     edges = edges[np.argsort(-own.mesh.edge_lengths[edges], kind="stable")]
     halves, parent = split_edges(own.mesh, own.mesh.edges.ends[edges], np.full(len(edges), 0.5))
@@ -59,7 +59,7 @@ def halved(own: OwnedMesh, cells: Ints) -> OwnedMesh:
 
 
 def halved_near(own: OwnedMesh, places: Floats) -> OwnedMesh:
-    """Return the triangles with those halved that are nearer to one of ``places`` (k, 3) than they are long."""
+    """Return the triangles, halved if nearer to one of ``places`` (k, 3) than their longest edge."""
     from scipy.spatial import KDTree
 
     distance = KDTree(places).query(own.mesh.vertices[own.mesh.cells].mean(axis=1))[0]

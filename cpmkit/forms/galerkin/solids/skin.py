@@ -25,8 +25,8 @@ from cpmkit.meshing.quadratic_surface import quartered
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
-#: Longest edges of a curved skin, in spacings, by the dimension of the space. In space errors are those of edges of .7,
-#: to 3 percent, with two thirds of the samples; with 1.4 they are half as large again.
+#: Longest edges of a curved skin, in spacings, by the dimension of the space. In space 1.0 has the errors of .7, to 3
+#: percent, with two thirds of the samples; with 1.4 errors are half as large again.
 LONGEST_EDGES = {2: PLAIN_EDGE_SPACINGS, 3: 1.0}
 #: The area of curved cells times the distances of their centres from the boundary is at most this share of the volume
 #: that a component of the skin encloses.
@@ -58,9 +58,9 @@ class FlatPart:
         return cls(source, mesh, geometry, warnings, source)
 
     def curved(self, lattice: Lattice, part_at: PartAt | None = None, divided: bool = False) -> Mesh:
-        """Return the cells that are sampled: subdivided, curved, segments split at the lattice's knot planes.
+        """Return the cells to sample: subdivided, curved, and split where segments cross the lattice's knot planes.
 
-        Cells of a skin with parts, see :func:`skin_of`, and all if ``divided``, are no longer than curved ones.
+        Flat triangles are subdivided only with ``part_at`` (see :func:`skin_of`) or if ``divided``.
         """
         mesh, spacing = self.mesh, lattice.spacing
         if self.geometry != "flat" or mesh.manifold_dim == 1 or part_at is not None or divided:
@@ -144,12 +144,11 @@ def skin_of(
     part_at: PartAt | None = None,
     divided: bool = False,
 ) -> Skin:
-    """Return the skin of a solid from its :func:`flat_parts`, split where its parts by ``part_at`` meet, if given.
+    """Return the skin of a solid from its :func:`flat_parts`.
 
-    Flat cells are subdivided as well if ``divided``.
-
-    Raises SceneError if it is not closed, or inside and outside cannot be distinguished, ResolutionError if the
-    spacing is too coarse for a curved one.
+    ``part_at`` gives the part of the edge at a point, if conditions differ by parts: cells are split where parts meet.
+    Flat cells are subdivided as well if ``divided``. Raises SceneError if the skin is not closed, or inside and outside
+    cannot be distinguished, and ResolutionError if the spacing is too coarse for a curved boundary.
     """
     skins = []
     for member, own in zip(solid.members, parts, strict=True):
@@ -159,7 +158,7 @@ def skin_of(
 
 
 def joined(parts: Sequence[Skin]) -> Skin:
-    """Return several skins as one; if some are curved, flat ones get the midpoints of their straight edges."""
+    """Return several skins as one; if some are curved, flat skins get the midpoints of their straight edges."""
     geometry: CellGeometry = next((part.geometry for part in parts if part.geometry != "flat"), "flat")
     starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts[:-1]])
     vertices = np.concatenate([part.mesh.vertices for part in parts])
@@ -254,7 +253,7 @@ def _check_closed(mesh: Mesh, lattice: Lattice) -> None:
 
 
 def _check_resolved(mesh: Mesh, boundary: LocalSource, lattice: Lattice) -> None:
-    """Raise ResolutionError if curved cells lie so far from the ``boundary`` that what they enclose is not known."""
+    """Raise ResolutionError if curved cells lie so far from the ``boundary`` that their volume is in doubt."""
     corners = mesh.vertices[mesh.cells]
     (count, part), centres = cell_components(mesh), mesh.centres
     inside = mesh.winding * np.linalg.det(corners - corners.mean(axis=(0, 1))) / (2 if mesh.dim == 2 else 6)
@@ -277,7 +276,7 @@ def cell_components(mesh: Mesh) -> tuple[int, Ints]:
 
 
 def areas_of(mesh: Mesh) -> Floats:
-    """Return normals (m, d) of flat cells, as long as the cells are large: to the right of segments."""
+    """Return normals (m, d) of flat cells whose lengths are the areas; those of segments point to their right."""
     corners = mesh.vertices[mesh.cells]
     along = corners[:, 1] - corners[:, 0]
     if mesh.dim == 2:
@@ -286,14 +285,14 @@ def areas_of(mesh: Mesh) -> Floats:
 
 
 def normals_of(mesh: Mesh) -> Floats:
-    """Return a unit normal (m, d) of each flat cell: to the right of segments."""
+    """Return a unit normal (m, d) of each flat cell; that of a segment points to its right."""
     return unit(areas_of(mesh))
 
 
 def _oriented(mesh: Mesh, solid: LocalSource, boundary: LocalSource | None, lattice: Lattice) -> Mesh:
     """Return the mesh with the cells of each component turned so that their normals point out of the ``solid``.
 
-    The solid is probed on both sides of closest points on its ``boundary``, of the cells themselves without one.
+    The solid is probed on both sides of the cells' centres, or of their closest points on the ``boundary``, if given.
     """
     count, part = cell_components(mesh)
     rank, members = np.empty(len(part), dtype=np.int64), np.bincount(part, minlength=count)
@@ -318,7 +317,7 @@ def _oriented(mesh: Mesh, solid: LocalSource, boundary: LocalSource | None, latt
 
 
 def with_turned(mesh: Mesh, turned: Ints) -> Mesh:
-    """Return the mesh with its cells ``turned`` (k,) in the opposite sense."""
+    """Return the mesh with the orientation of the cells ``turned`` (k,) reversed."""
     cells, midpoints = mesh.cells.copy(), mesh.midpoints
     cells[turned] = _swap(cells, turned)
     if midpoints is not None and mesh.manifold_dim == 2:

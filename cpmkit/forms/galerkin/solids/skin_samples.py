@@ -21,17 +21,17 @@ from cpmkit.types import Bools, Floats, Ints
 FINE_SPACINGS = 0.25
 #: Coefficients at the skin are compared with those so many spacings inside.
 INSIDE_SPACINGS = 0.25
-#: The lattice cell of a sample is that at this distance from it, in spacings, on the side of the sample.
+#: The lattice cell of a sample is that of a point at this distance from it, in spacings, on its side of the boundary.
 ASIDE_SPACINGS = 1e-6
-#: Boxes around cells are so many times the size of the skin apart, for a search among the pieces of one cell alone.
+#: For a search among the pieces of one cell alone, cells are set apart by so many times the size of the skin.
 APART = 4.0
 
 
 def skin_samples(skin: Skin, patches: SolidPatches, spacing: float) -> tuple[BoundarySamples, Bools]:
     """Return samples on the skin, and whether each (b,) is on the left of its boundary.
 
-    They are the quadrature points of pieces of the skin, or fewer on quadratic or small triangles. On boundaries inside
-    both sides have samples at the same points.
+    Samples are the quadrature points of pieces of the skin (its facets cut at knot planes), or fewer on quadratic or
+    small triangles. On boundaries inside both sides have samples at the same points.
     """
     points, weights, normals, cell = _points_on_one_side(skin, patches, spacing)
     beside = PatchesBeside(skin, patches)
@@ -63,7 +63,7 @@ def skin_samples(skin: Skin, patches: SolidPatches, spacing: float) -> tuple[Bou
 
 
 def _points_on_one_side(skin: Skin, patches: SolidPatches, spacing: float) -> tuple[Floats, Floats, Floats, Ints]:
-    """Return points (n, d), weights (n,), normals (n, d) and cells (n,) of the skin, one side of boundaries inside."""
+    """Return quadrature points (n, d) of the skin and of one side of boundaries inside, weights, normals and cells."""
     pieces, mesh = patches.pieces, skin.mesh
     first = (skin.twin < 0) | (np.arange(len(skin.twin)) < skin.twin)
     is_fine = mesh.midpoints is None and float(np.median(mesh.edge_lengths)) < FINE_SPACINGS * spacing
@@ -91,10 +91,10 @@ class PatchesBeside:
     patches: SolidPatches
 
     def find(self, points: Floats, normals: Floats, cell: Ints) -> Ints:
-        """Return the patch (n,) at ``points`` (n, d) of the skin's cells ``cell`` (n,), in spacings.
+        """Return the patch (n,) at ``points`` (n, d), in spacings, on the skin's cells ``cell`` (n,).
 
-        It is that of the cell's piece in the lattice cell of the point, or of the piece nearest to it.
-        ``normals`` (n, d) point out of the patch.
+        The patch is bounded by the piece of the cell in the lattice cell of the point, or else by the cell's nearest
+        piece. ``normals`` (n, d) point out of the patch.
         """
         table, count = self.patches.table, len(self.skin.mesh.cells)
         row = table.find(np.floor(points - ASIDE_SPACINGS * normals + 0.5).astype(np.int64))

@@ -1,4 +1,4 @@
-"""Evaluation on a solid: the patch of a point inside, and data at Gauss points outside, extended from the inside."""
+"""Evaluation on a solid: the patch of a point inside, and data extended to Gauss points outside."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from cpmkit.types import Floats, Ints, Side
 
 #: Points on the skin are moved inside by this distance, in spacings, to find their patch.
 PROBE_SPACINGS = 1e-6
-#: Points nearer to a boundary inside than this, in spacings, are moved so far from it to find their patch.
+#: Points nearer to a boundary inside than this, in spacings, are moved to this distance from it to find their patch.
 ASIDE_SPACINGS = 0.05
-#: Data that may jump at a boundary inside are evaluated so far from it, in spacings.
+#: Data that may jump at a boundary inside are evaluated at this distance from it, in spacings.
 INSIDE_SPACINGS = 0.01
 #: Polynomials are fitted on so many patches at a time, to bound the memory of the fits.
 FITTED_PATCHES = 1000
@@ -132,10 +132,10 @@ class SolidLocator:
 class SolidCoefficients(SampleCoefficients):
     """Coefficients at the samples of a solid, some of which are Gauss points of cut cells outside.
 
-    There f is 2 f(foot) - f(2 foot - x), with the closest point of x as foot, so that functions are only evaluated on
-    the solid; positive coefficients are f(foot)^2 / f(2 foot - x). In a thin patch the mirror image 2 foot - x may lie
-    outside too, and weights have both signs: f is replaced by a polynomial there, whose integral over the solid is
-    exact however thin it is.
+    At a point x outside, f is extrapolated as 2 f(y) - f(2 y - x), where y is the closest point of x (its foot), so
+    that functions are only evaluated on the solid; positive coefficients are f(y)^2 / f(2 y - x). In a thin patch the
+    mirror image 2 y - x may lie outside too, and weights have both signs: there f is replaced by a polynomial, whose
+    integral over the solid is exact however thin the solid is.
     """
 
     sampled: SampledSolid
@@ -156,9 +156,9 @@ class SolidCoefficients(SampleCoefficients):
     def outside(self) -> tuple[Ints, Floats, Floats, Ints]:
         """The samples (k,) outside, their feet and mirror images (k, d) in the scene's coordinates, and thin patches.
 
-        Outside is outside the patch of the sample and those that touch it: f may differ on both sides of a thin gap.
-        There the foot is the nearest sample on the skin of the patch. A mirror image outside is moved to the solid; the
-        patches (t,) of such samples are thin.
+        A sample is outside if it lies neither in its patch nor in one that touches it: f may differ on both sides of a
+        thin gap. If the closest point is outside too, the foot is the nearest sample on the skin of the patch. A mirror
+        image outside is moved to the solid; the patches (t,) of such samples are thin.
         """
         sampled = self.sampled
         own = sampled.samples.cell[: sampled.interior]
@@ -179,7 +179,7 @@ class SolidCoefficients(SampleCoefficients):
         return rows[out], sampled.lattice.to_scene(foot[out]), sampled.lattice.to_scene(mirror), thin
 
     def _foreign(self, own: Ints, points: Floats, inward: Floats) -> Ints:
-        """Return which points (n, d) of the solid lie in no patch that is or touches their ``own`` (n,) patch.
+        """Return which points (n, d) of the solid lie neither in their ``own`` (n,) patch nor in one that touches it.
 
         Points on the skin are first moved slightly along ``inward`` (n, d).
         """
@@ -190,9 +190,9 @@ class SolidCoefficients(SampleCoefficients):
         return np.flatnonzero((low != high) & (find_codes(self._touching, low * len(patches.cells) + high) < 0))
 
     def _across_boundaries(self, own: Ints, points: Floats) -> Ints:
-        """Return which points (n, d) lie on a boundary inside, or across it from their ``own`` (n,) patch.
+        """Return which points (n, d) lie on a boundary inside, or on another side of it than their ``own`` (n,) patch.
 
-        The facets by which patches are separated differ slightly from curved boundaries.
+        The test is needed since the flat facets between patches differ slightly from curved boundaries.
         """
         across = [np.zeros(0, dtype=np.int64)]
         for number, near, signed, _ in self.locator.near_boundaries(points):
@@ -208,9 +208,9 @@ class SolidCoefficients(SampleCoefficients):
         return np.sort(low * len(self.sampled.patches.cells) + high)
 
     def _nearest_on_skin(self, patch: Ints, points: Floats) -> Floats:
-        """Return points (n, d) just inside the sample on the skin of each ``patch`` (n,) nearest to ``points``.
+        """Return points (n, d) just inside the sample on the skin of each ``patch`` (n,) that is nearest to ``points``.
 
-        In a sharp corner such points may lie outside of the patch; they are left out.
+        Samples in sharp corners, from which such a point lies outside of the patch, are left out.
         """
         boundary, spacing, patches = self.sampled.boundary, self.sampled.lattice.spacing, self.sampled.patches
         rows = np.flatnonzero(np.isin(boundary.cell, patch))
@@ -229,7 +229,7 @@ class SolidCoefficients(SampleCoefficients):
         return points
 
     def at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return ``data`` (p, channels) at ``time`` at the samples, reflected outside; ``label`` is for errors."""
+        """Return ``data`` (p, channels) at ``time`` at samples, extrapolated outside; ``label`` is for errors."""
         parts = data if is_sequence(data) else [data]
         if not any(map(callable, parts)) or any(isinstance(part, Field) for part in parts):
             return super().at_points(data, label, time, channels)
@@ -263,9 +263,10 @@ class SolidCoefficients(SampleCoefficients):
         extend: Callable[[Floats, Floats], Floats],
         positive: bool = False,
     ) -> Floats:
-        """Return ``evaluate`` at the samples, outside ``extend`` of it at feet and mirror images, or the polynomials.
+        """Return values at the samples: ``evaluate`` of the samples inside, and extrapolated values outside.
 
-        With ``positive``, polynomials with a value (or an eigenvalue) below zero at a sample are not used.
+        Outside they are ``extend`` of the values at feet and mirror images, or polynomials on thin patches. With
+        ``positive``, polynomials with a value (or an eigenvalue) below zero at a sample are not used.
         """
         rows, *places, thin = self.outside
         at, values = [], []
@@ -287,16 +288,16 @@ class SolidCoefficients(SampleCoefficients):
         return extended
 
     def _samples_of_cut(self, patches: Ints) -> Ints:
-        """Return the samples (k, n) of ``patches`` (k,) in cut cells, which come first, patch by patch."""
+        """Return the samples (k, n) of ``patches`` (k,) in cut cells; the samples of cut cells come first, by patch."""
         count = MOMENTS ** self.points.shape[1]
         return np.asarray(patches[:, None] * count + np.arange(count))
 
 
 def fit_polynomials(points: Floats, values: Floats, at: Floats) -> Floats:
-    """Return polynomials of degree 2 at points ``at`` (k, m, d), fitted to values at others: (k, m, ...).
+    """Return the values (k, m, ...) at points ``at`` (k, m, d) of k polynomials of degree 2.
 
-    Each of the k polynomials has the least squares of errors at its ``points`` (k, n, d), where ``values`` are
-    (k, n, ...), and where several have these, the smallest coefficients.
+    Each polynomial is fitted by least squares to ``values`` (k, n, ...) at its ``points`` (k, n, d); of several it is
+    that with the smallest coefficients.
     """
 
     def monomials(x: Floats) -> Floats:
@@ -309,9 +310,9 @@ def fit_polynomials(points: Floats, values: Floats, at: Floats) -> Floats:
 
 @compiled
 def nearest_of_group(points: Floats, group: Ints, starts: Ints, candidates: Floats) -> Floats:
-    """Return the nearest (n, d) to each of ``points`` (n, d) of the ``candidates`` (k, d) in its ``group`` (n,).
+    """Return the candidate (n, d) that is nearest to each of ``points`` (n, d), from the point's ``group`` (n,).
 
-    Those of group g are ``candidates[starts[g] : starts[g + 1]]``; without candidates it is the point itself.
+    Group g has the ``candidates[starts[g] : starts[g + 1]]``, (k, d) in all. If it has none, the point is returned.
     """
     found = points.copy()
     for q in range(len(points)):

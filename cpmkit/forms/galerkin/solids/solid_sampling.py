@@ -1,4 +1,4 @@
-"""Sampling of a solid: its patches, the quadrature of its inside, and samples on its skin."""
+"""Sampling of a solid: its patches (connected parts in lattice cells), their quadrature, and samples on the skin."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ OPEN_FLUX = 1e-7
 BULGE_SHARE = 0.05
 #: A solid is thin if more than this share of its volume is thinner than so many spacings. In slabs of .05 and .1
 #: spacings with values on the skin errors are of order 2 until they are tiny, and estimates that expect order 3 were
-#: down to a sixth of the error; at .5 they were right.
+#: down to a sixth of the error; in slabs of .5 spacings estimates were right.
 LARGEST_THIN_SHARE, THIN_SPACINGS = 0.5, 1 / 3
 
 
@@ -209,9 +209,9 @@ def _check_skin(patches: SolidPatches, moments: Floats, sums: Floats, lattice: L
 
 
 def _check_parts(patches: SolidPatches, skin: Skin, lattice: Lattice) -> None:
-    """Raise ResolutionError, with a place, if the solid would leak through a boundary inside.
+    """Raise ResolutionError, with a place, if a boundary inside does not separate the patches on its two sides.
 
-    The parts of a cell that it divides were merged, or one bounds both its sides where it is not continued past a tip.
+    Then the parts of a lattice cell on its two sides were merged, or one patch lies on both sides before a tip.
     """
     pieces = patches.pieces
     facet = pieces.facet % len(skin.owner)

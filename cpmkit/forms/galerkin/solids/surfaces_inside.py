@@ -1,7 +1,7 @@
 """Surfaces inside a solid in space: trimmed at its skin, split where they meet it and each other, on both sides.
 
-The mesh of the skin grows by one surface after the other. Each is continued past its rims, the solid's part of it is
-kept, both are split where they meet, and get common vertices and edges there.
+Surfaces are added to the mesh of the skin one after the other. Each is continued past its rims and trimmed to the part
+in the solid; then the surface and the mesh are split where they meet, with common vertices and edges there.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from cpmkit.meshing.quadratic_surface import QuadraticSurface, edge_numbers, qua
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
-#: A triangle of a surface inside with its corners on the skin is left out if its centre is nearer to it than this share
-#: of its size.
+#: A triangle of a surface inside with its corners on the skin is left out if its centre is nearer to the skin than this
+#: share of its longest edge.
 THIN_SHARE = 0.12
 #: A triangle that turns over does no harm if one of its edges is shorter than this, in spacings.
 LEAST_EDGE = 0.05
-#: Triangles beside an edge where surfaces meet are halved where their area elements are below this share of flat ones,
+#: Triangles beside an edge where surfaces meet are halved where area elements are below this share of those when flat,
 LEAST_AREA_SHARE = 0.15
 #: at most so often.
 HALVINGS = 3
@@ -92,9 +92,10 @@ def _with_surface(
     name: str,
     lattice: Lattice,
 ) -> OwnedMesh | Floats:
-    """Return the ``whole`` with the part in the ``solid`` of a surface, its ``own``, halved where this is needed.
+    """Return the mesh ``whole`` joined with the part in the ``solid`` of a further surface, ``own``.
 
-    If they cannot be joined, places (k, 3) where they meet are returned.
+    ``outer`` is the skin, and ``earlier`` are the surfaces that ``whole`` contains. Triangles are halved where this is
+    needed. If the two cannot be joined, places (k, 3) where they meet are returned.
     """
     surface, turn = QuadraticSurface(own.mesh), 0
     while True:
@@ -121,7 +122,7 @@ def _check_simple(part: FlatPart, name: str, lattice: Lattice) -> None:
 
 
 def _pierced(one: OwnedMesh, other: OwnedMesh, lattice: Lattice) -> OwnedMesh:
-    """Return the triangles of ``one`` with vertices where creases and rims of the ``other`` meet them."""
+    """Return the triangles of ``one`` with vertices where creases and rims of the ``other`` mesh meet ``one``."""
     surface, gap = QuadraticSurface(one.mesh), ON_SPACINGS * lattice.spacing
     mesh, parent = with_points(one.mesh, piercing_points(other.mesh, lambda x: surface.side(x, lattice.spacing), gap))
     return one.take(parent, mesh)
@@ -130,9 +131,9 @@ def _pierced(one: OwnedMesh, other: OwnedMesh, lattice: Lattice) -> OwnedMesh:
 def _trimmed(
     own: OwnedMesh, outer: QuadraticSurface, solid: LocalSource, name: str, lattice: Lattice
 ) -> OwnedMesh | Floats:
-    """Return the part of a surface in the ``solid``, with its edges on the skin in ``cut``.
+    """Return the part of a surface in the ``solid``, with its edges on the skin (``outer``) in ``cut``.
 
-    If it cannot be trimmed, places (k, 3) where are returned.
+    If the surface cannot be trimmed at some places (k, 3), these are returned.
     """
 
     def side(points: Floats) -> tuple[Floats, Floats]:
@@ -155,7 +156,7 @@ def _trimmed(
 
 
 def _ends_inside(trimmed: OwnedMesh) -> Floats:
-    """Return places (k, 3) where a surface ends inside the solid without a continuation, which no halving mends."""
+    """Return places (k, 3) where a surface ends inside the solid without a continuation; halving does not change it."""
     rim = trimmed.mesh.connectivity.on_rim.copy()
     rim[edge_numbers(trimmed.mesh, trimmed.mesh.cut)] = False
     middles = trimmed.mesh.vertices[trimmed.mesh.edges.ends[rim]].mean(axis=1)
@@ -175,7 +176,7 @@ def _with_cut(own: OwnedMesh, ends: Ints) -> OwnedMesh:
 
 
 def _split_at_earlier(own: OwnedMesh, earlier: Sequence[QuadraticSurface], lattice: Lattice) -> OwnedMesh:
-    """Return a surface split where it meets ``earlier`` ones, with its edges there in ``cut``."""
+    """Return a surface split where it meets ``earlier`` surfaces, with its edges there in ``cut``."""
     for other in earlier:
 
         def split_at(own: OwnedMesh, other: QuadraticSurface = other) -> SplitMesh:
@@ -190,9 +191,9 @@ def _split_at_earlier(own: OwnedMesh, earlier: Sequence[QuadraticSurface], latti
 
 
 def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice: Lattice) -> OwnedMesh | Floats:
-    """Return the ``whole`` with the triangles of a further ``surface``, its ``own``, joined at the edges in ``cut``.
+    """Return the mesh ``whole`` with the triangles ``own`` of a further ``surface``, joined at the edges in ``cut``.
 
-    If they cannot be joined, places (k, 3) where they meet are returned.
+    If the two cannot be joined, places (k, 3) where they meet are returned.
     """
     number, chain = np.full(len(own.mesh.vertices), -1), own.mesh.cut
     if len(chain):
@@ -221,7 +222,7 @@ def _joined(whole: OwnedMesh, own: OwnedMesh, surface: QuadraticSurface, lattice
 
 
 def _unclosed(whole: OwnedMesh) -> Floats | None:
-    """Return places (k, 3) where triangles cross, or enclose no sectors with both sides of surfaces; None if all do."""
+    """Return places (k, 3) where triangles cross, or do not enclose sectors on both sides of surfaces; None if none."""
     for mesh in (quartered(whole.mesh), whole.mesh):
         cell, crossed = edges_through_triangles(mesh)[1], crossed_vertices(mesh)
         if len(cell) or len(crossed):
@@ -243,9 +244,10 @@ def _centres(mesh: Mesh, cells: Ints | Bools) -> Floats:
 def _split_along(
     own: OwnedMesh, split_at: Callable[[OwnedMesh], SplitMesh], other: QuadraticSurface
 ) -> tuple[OwnedMesh, SplitMesh]:
-    """Return triangles after ``split_at`` where they meet an ``other`` surface, with edges bent onto it, and the split.
+    """Return triangles split by ``split_at`` where they meet an ``other`` surface, and the result of ``split_at``.
 
-    Triangles whose parts would turn over, beside an edge that is bent more than they are thick, are halved before.
+    Midpoints of the edges there are moved onto the other surface. Triangles whose parts would turn over, since an edge
+    is curved more than they are thick, are halved before.
     """
     for turn in range(HALVINGS + 1):
         split = split_at(own)
@@ -258,7 +260,7 @@ def _split_along(
 
 
 def _without_loose_ends(whole: OwnedMesh) -> OwnedMesh:
-    """Return the triangles without continuations behind another surface: connected to no part of their own one."""
+    """Return the triangles without those of continuations that are cut off from their own surface by another one."""
     cells, inner = whole.mesh.edges.of_cells, ~whole.seams
     count = len(cells)
     links = np.stack([np.repeat(np.arange(count), 3), count + cells.ravel()], axis=1)[inner[cells.ravel()]]
@@ -269,7 +271,7 @@ def _without_loose_ends(whole: OwnedMesh) -> OwnedMesh:
 
 
 def _two_sided(skin: Skin, whole: OwnedMesh, inside: Sequence[FlatPart], left_of: Callable[[int, Mesh], Bools]) -> Skin:
-    """Return the cells of the ``skin``, and those of each surface inside, first with its normals, then turned."""
+    """Return the cells of the ``skin``, then those of each surface inside, first with its normals, then reversed."""
     meshes = [part_of(whole.mesh, whole.owner == number) for number in range(-1, len(inside))]
     owner = [np.full(len(meshes[0].cells), -1)]
     left, beyond, twin = [owner[0] >= 0], [owner[0] >= 0], [owner[0]]
@@ -289,12 +291,12 @@ def _two_sided(skin: Skin, whole: OwnedMesh, inside: Sequence[FlatPart], left_of
 
 
 def _with_both_sides(mesh: Mesh) -> Mesh:
-    """Return the triangles of a mesh, followed by the same with opposite normals."""
+    """Return the triangles of a mesh, followed by the same triangles with opposite normals."""
     turned = with_turned(mesh, np.arange(len(mesh.cells)))
     return _joined_cells(mesh.vertices, [mesh, turned])
 
 
 def _joined_cells(vertices: Floats, meshes: Sequence[Mesh]) -> Mesh:
-    """Return one mesh of the quadratic triangles of several with the same ``vertices`` (v, 3)."""
+    """Return one mesh of the quadratic triangles of several ``meshes``, which have the same ``vertices`` (v, 3)."""
     cells, midpoints = (np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in ("cells", "midpoints"))
     return Mesh.of(vertices, cells, midpoints)

@@ -1,7 +1,7 @@
 """Continuations of boundaries inside a solid past their tips, the ends of curves or rims of surfaces.
 
-A patch in which a boundary ends has one function on both sides, so that u would be continuous before the boundary ends.
-Past its tips each boundary is continued straight on; along these parts u is continuous by a condition.
+A patch in which a boundary ends would have the same splines on both sides, so that u would be continuous before the
+boundary ends. Therefore each boundary is continued straight on past its tips, where a condition makes u continuous.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.meeting_curves import FlatCurve
 from cpmkit.types import Bools, Floats, Ints
 
-#: A boundary is continued over so many spacings: up to the patches that share no spline with that of the tip.
+#: A boundary is continued over so many spacings, up to patches that share no spline with the patch of the tip.
 EXTENDED_SPACINGS = 3.0
 #: The direction of a curve at its end is that of a chord of this share of its last segment.
 TANGENT_SHARE = 1e-3
@@ -23,7 +23,7 @@ TANGENT_SHARE = 1e-3
 def extended_curve_ends(mesh: Mesh, curve: LocalSource | FlatCurve, ends: Ints, length: float) -> Mesh:
     """Return segments of ``length`` that continue a ``curve`` straight on at the ``ends`` (k,) of its flat ``mesh``.
 
-    Vertex 2 i is end i, and vertex 2 i + 1 the new one; segments run on in the direction of the curve's.
+    Vertex 2 i is end i, and vertex 2 i + 1 is new; a segment has the direction of the curve's segment at the end.
     """
     cell, corner = _cells_at(mesh, ends)
     tips, behind = mesh.vertices[ends], mesh.vertices[mesh.cells[cell, 1 - corner]]
@@ -41,9 +41,9 @@ def _cells_at(mesh: Mesh, ends: Ints) -> tuple[Ints, Ints]:
 
 
 def with_extended_rims(mesh: Mesh, length: float) -> tuple[Mesh, Bools]:
-    """Return triangles with two more beside each edge of their rim, as wide as ``length``, and which (m,) are new.
+    """Return triangles with a strip of width ``length`` added at their rim, and whether (m,) each triangle is new.
 
-    The strip leads on in the planes of the triangles at the rim.
+    The strip has two triangles at each edge of the rim, in the planes of the triangles there.
     """
     numbers = mesh.connectivity.facet_numbers
     cell, facet = np.nonzero(mesh.connectivity.on_rim[numbers])
