@@ -47,7 +47,7 @@ class LocalSource:
     origin: Floats | None = None  #: (d,): position of zero in the scene, for messages; by default ``shift``.
     of: ClosestPointSource | None = None  #: The source before translation: the key of caches that hold at every place.
     noise: float = 0.0  #: Root mean square of the random error of a foot's coordinate; zero unless measured.
-    slight_creases: bool = False  #: Whether contouring found creases that turn by less than those of meshes.
+    slight_creases: bool = False  #: Whether contouring found creases that turn by 6 to 30 degrees.
 
     @property
     def dim(self) -> int:

@@ -1,1 +1,1 @@
-"""The manifold as a mesh with boundaries as edges: contouring, insertion, curving, untangling, warnings on the mesh."""
+"""The manifold as a mesh with boundaries as edges: contouring, insertion of boundaries, curved cells, and warnings."""

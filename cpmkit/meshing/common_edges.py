@@ -1,4 +1,4 @@
-"""Two surfaces of quadratic triangles with common vertices and edges along the curves where they meet."""
+"""Two surfaces of quadratic triangles with common vertices and edges along the curves (chains) where they meet."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cpmkit.meshing.quadratic_surface import edge_midpoints, edge_numbers, split
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Floats, Ints
 
-#: Vertices of two chains are one if they are nearer than this share of an edge.
+#: Vertices of two chains are the same if they are nearer than this share of an edge.
 SAME_VERTEX_SHARE = 0.3
 #: A point of one chain belongs to the other if it is nearer than this share of the longest edge of both.
 SAME_CHAIN_SHARE = 0.3
@@ -25,17 +25,18 @@ class ChainedMeshes:
     """Two meshes with the same vertices and edges where they meet."""
 
     base: Mesh
-    parent: Ints  #: (m,): the triangle of the base that each is a part of.
+    parent: Ints  #: (m,): the original triangle of the base that contains each triangle.
     other: Mesh
-    other_parent: Ints  #: (n,): the triangle of the other mesh that each is a part of.
+    other_parent: Ints  #: (n,): the same for the other mesh.
     number: Ints  #: (v,): the vertex of the base that each vertex of the other mesh is, -1 for none.
     chain: Ints  #: (k, 2): the common edges, by vertices of the other mesh.
 
 
 def match_chains(base: Mesh, base_chain: Ints, other: Mesh, chain: Ints) -> ChainedMeshes | Floats:
-    """Return two meshes with common edges: all those of the ``chain`` (k, 2) of the ``other``, as the base has them.
+    """Return two meshes in which the edges ``chain`` (k, 2) of the ``other`` mesh are edges of the ``base`` too.
 
-    ``base_chain`` (n, 2) are edges of the base nearby. If the chains differ, points (k, 3) where they do are returned.
+    ``base_chain`` (n, 2) are the edges of the base along the same curves; both chains are split at each other's
+    vertices. If the chains follow different curves, points (k, 3) where they differ are returned instead.
     """
     parent, other_parent = np.arange(len(base.cells)), np.arange(len(other.cells))
     number = _same_vertices(base, base_chain, other, np.unique(chain))
@@ -64,9 +65,9 @@ def match_chains(base: Mesh, base_chain: Ints, other: Mesh, chain: Ints) -> Chai
 
 
 def _same_vertices(base: Mesh, base_chain: Ints, other: Mesh, vertices: Ints) -> Ints:
-    """Return the vertex (v,) of a chain of the ``base`` that each of the ``vertices`` (k,) of the other mesh is, or -1.
+    """Return the vertex of the ``base_chain`` at the same place as each vertex (v,) of the other mesh, -1 for none.
 
-    Among several for one vertex of the base it is the nearest.
+    Only the ``vertices`` (k,) can have one. A vertex of the base is matched with the nearest of them.
     """
     number = np.full(len(other.vertices), -1)
     edge, share = _nearest_edges(other.vertices[vertices], base, base_chain)
@@ -79,9 +80,10 @@ def _same_vertices(base: Mesh, base_chain: Ints, other: Mesh, vertices: Ints) ->
 
 
 def _vertices_between(base: Mesh, base_chain: Ints, ends: Ints, number: Ints) -> tuple[Ints, Ints]:
-    """Return rows (k,) of ``ends`` (n, 2) and the vertices (k,) of a chain that lead from one end to the other.
+    """Return rows (k,) of ``ends`` (n, 2), and vertices (k,) of the ``base_chain`` between the two ends of the row.
 
-    These vertices are in no ``number`` (v,), those of ``ends`` are.
+    ``ends`` are pairs of vertices of the base that have a match in the other mesh, as all vertices in ``number`` (v,)
+    have; the vertices between have none.
     """
     is_taken = np.zeros(len(base.vertices), dtype=bool)
     is_taken[number[number >= 0]] = True
@@ -132,7 +134,7 @@ def _nearest_edges(points: Floats, mesh: Mesh, chain: Ints) -> tuple[Ints, Float
 
 
 def first_of_each(edge: Ints, rank: Floats) -> Ints:
-    """Return for each different ``edge`` (n,) the row with the least ``rank`` (n,)."""
+    """Return, for each number that occurs in ``edge`` (n,), the row with the least ``rank`` (n,)."""
     order = np.lexsort((rank, edge))
     return order[np.unique(edge[order], return_index=True)[1]]
 
@@ -140,7 +142,7 @@ def first_of_each(edge: Ints, rank: Floats) -> Ints:
 def _split_chain(mesh: Mesh, chain: Ints, rows: Ints, shares: Floats) -> tuple[Mesh, Ints, Ints]:
     """Return the mesh with edges ``rows`` (k,) of a ``chain`` split, the chain, and the parents (m,) of triangles.
 
-    They are split at ``shares`` (k,), which are kept from the ends.
+    They are split at ``shares`` (k,) of their lengths, which are limited to keep off the ends.
     """
     new, least = len(mesh.vertices) + np.arange(len(rows)), SAME_VERTEX_SHARE / 2
     split, parent = split_edges(mesh, chain[rows], np.clip(shares, least, 1 - least))

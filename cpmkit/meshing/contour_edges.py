@@ -10,9 +10,9 @@ from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Bools, Floats, Ints
 
-#: Components with less area than this, in squares of the spacing, are left out: splines that see such a component alone
-#: have a value of their own there, or none. An ellipsoid 10 : 10 : 1 at spacings of its thickness has some of up to
-#: .02; a sphere with a radius of a tenth of a spacing, found by chance alone, has .13.
+#: Components with less area than this, in squares of the spacing, are left out: splines with such a component alone in
+#: their support have arbitrary values there. An ellipsoid 10 : 10 : 1 at spacings of its thickness has some of up to
+#: .02; a sphere with a radius of a tenth of a spacing, which the lattice meets by chance alone, has .13.
 LEAST_COMPONENT_AREA = 0.1
 
 

@@ -1,7 +1,7 @@
-"""Where a mesh is cut although no boundary lies there: at its creases, and where several of its sheets or arms meet.
+"""Where a mesh is cut although no boundary lies there: at creases, and at junctions of several sheets or arms.
 
-A spline whose support contains a crease sees both of its sides at once, so that the solution, which turns there, is of
-first order. On a mesh cut there each side has unknowns of its own; a condition of continuity ties them.
+A spline whose support contains a crease is smooth across it, while the gradient of the solution turns there, so that
+errors are of first order. On a mesh cut at the crease each side has its own unknowns, tied by a continuity condition.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ CREASE_OWNER, FOLD_OWNER, VOID_OWNER = -1, -2, -3
 #: Cells that turn by more than this angle, in degrees, at their common facet meet in a crease. Neighbours on a circle
 #: of a radius of one spacing turn by 29 degrees, as edges are half a spacing long.
 CREASE_DEGREES = 30.0
-#: A part between creases below this area, in squared spacings, stays with a neighbour: it would have more unknowns than
-#: it is worth, as many as samples on tubes that are thinner than the cells. With 1 the error on Nefertiti's bust is 20
-#: percent larger at 4,400 unknowns; with .1 it is the same, at more unknowns.
+#: A part between creases below this area, in squared spacings, is not cut off, as it would add too many unknowns: as
+#: many as samples on tubes that are thinner than the cells. With 1 the error on Nefertiti's bust is 20 percent larger
+#: at 4,400 unknowns; with .1 it is the same, at more unknowns.
 LEAST_AREA = 0.25
 #: Connected creases that end inside the surface and are shorter than this, in spacings, are not cut: they would cost
 #: more unknowns than they gain (Spot has 5 percent more with 1.5). With 3 the fish has a sixth more error at 4,400
 #: unknowns, with 4 half as much again at 7,200.
 LEAST_CHAIN_SPACINGS = 2.0
-#: Triangles at boundaries whose height over an edge is below this, in spacings, are slivers that turn by any angle: the
-#: insertion moves points onto edges that are as near.
+#: Triangles at boundaries whose height over an edge is below this, in spacings, are slivers with arbitrary normals: the
+#: insertion moves points onto edges that are nearer than that.
 SLIVER_SPACINGS = 0.02
 
 
@@ -64,7 +64,7 @@ def crease_facets(mesh: Mesh, spacing: float, creased: Bools | None = None) -> I
 def sharp_facets(mesh: Mesh, degrees: float, sliver: float = 0.0) -> Bools:
     """Return whether (f,) each facet has two cells that turn by more than ``degrees``, or three cells or more.
 
-    Two cells of which one is a sliver at a boundary, of a height over the facet below ``sliver``, do not count.
+    Facets of a sliver, a triangle at a boundary with a height over the facet below ``sliver``, do not count.
     """
     facets, places = facets_of_two_cells(mesh)
     inward = [inward_directions(mesh, of_side) for of_side in places.T]
@@ -77,9 +77,9 @@ def sharp_facets(mesh: Mesh, degrees: float, sliver: float = 0.0) -> Bools:
 
 
 def with_ties(mesh: Mesh, facets: Ints, owner: int) -> Mesh:
-    """Return a mesh cut at ``facets`` (c, k - 1) too, where u is tied; they follow those of boundaries in ``mesh.cut``.
+    """Return the mesh cut also at ``facets`` (c, k - 1), the ties, which follow the boundaries' facets in ``mesh.cut``.
 
-    Their ``owner`` is negative, such as ``CREASE_OWNER``. Without facets the mesh itself is returned.
+    ``owner``, a negative number such as ``CREASE_OWNER``, is that of the new facets in ``mesh.owner``.
     """
     if not len(facets):
         return mesh
@@ -91,10 +91,11 @@ def with_ties(mesh: Mesh, facets: Ints, owner: int) -> Mesh:
 
 
 def inward_directions(mesh: Mesh, places: Ints) -> Floats:
-    """Return vectors (e, d) from the middle of facets into their cells, tangent to the cell and normal to the facet.
+    """Return vectors (e, d) from the midpoints of facets into their cells, tangent to the cell and normal to the facet.
 
-    Their length is the height of a flat cell over the facet; curved cells are followed, so that a smooth surface does
-    not turn. ``places`` (e,) are positions in the array (m, k) of cells and their facets, flattened.
+    Their length is the height of a flat cell over the facet. Vectors are tangent to curved cells, so that those of two
+    cells of a smooth surface are opposite. ``places`` (e,) are positions in the flattened array (m, k) of facets of
+    cells.
     """
     k = mesh.cells.shape[1]
     cell, facet = places // k, places % k
@@ -127,10 +128,10 @@ def _are_slivers(mesh: Mesh, places: Ints, heights: Sequence[Floats], least: flo
 
 
 def _without_short_chains(mesh: Mesh, chosen: Bools, fixed: Bools, spacing: float) -> Bools:
-    """Return ``chosen`` edges (e,) without connected sets that are short and end inside the surface.
+    """Return ``chosen`` edges (e,) without connected sets that end inside the surface and are short.
 
-    Short is below ``LEAST_CHAIN_SPACINGS``. A set ends where a vertex has one edge of the set, lies on no rim, and on
-    no edge that is ``fixed`` (e,).
+    A set is short below ``LEAST_CHAIN_SPACINGS``. A set ends at a vertex with one edge of the set that lies neither on
+    a rim nor on a ``fixed`` edge (e,).
     """
     rows, ends = np.flatnonzero(chosen), mesh.edges.ends
     count, label = connected_components(len(mesh.vertices), ends[rows])
@@ -146,10 +147,10 @@ def _without_short_chains(mesh: Mesh, chosen: Bools, fixed: Bools, spacing: floa
 
 
 def _without_small_parts(mesh: Mesh, chosen: Bools, bounded: Bools, least: float) -> Bools:
-    """Return ``chosen`` edges (e,) without those that bound a part of an area below ``least`` towards its neighbour.
+    """Return ``chosen`` edges (e,) without those between a part of an area below ``least`` and the part that it joins.
 
-    Parts are connected over edges that are neither chosen nor ``bounded`` (e,), cut in any case. Small parts join
-    neighbours by :func:`join_small_parts`. Up to four cells at an edge are compared in all pairs.
+    Parts are connected over edges that are neither chosen nor ``bounded`` (e,), which are cut in any case. Small parts
+    join neighbours by :func:`join_small_parts`. Up to four cells at an edge are compared in all pairs.
     """
     corners, of_cells = mesh.vertices[mesh.cells], mesh.edges.of_cells
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -167,10 +168,10 @@ def _without_small_parts(mesh: Mesh, chosen: Bools, bounded: Bools, least: float
 
 
 def join_small_parts(part: Ints, areas: Floats, sides: Ints, lengths: Floats, least: float) -> Ints:
-    """Return ``part`` (m,), that of each cell or -1, with parts of an area below ``least`` joined to neighbours.
+    """Return the ``part`` (m,) of each cell, -1 for none, with parts of an area below ``least`` joined to neighbours.
 
-    A small part joins that with the longest common border; this repeats until no small part has a neighbour. ``areas``
-    (m,) are those of cells, ``sides`` (e, 2) pairs of cells, all in parts, at edges with ``lengths`` (e,).
+    A small part joins the neighbour with the longest common border, until no small part has a neighbour. ``areas`` (m,)
+    are those of cells, ``sides`` (e, 2) the two cells, in parts, at edges with ``lengths`` (e,).
     """
     while True:
         count, rows = int(part.max(initial=-1)) + 1, part >= 0

@@ -1,14 +1,14 @@
 """Quadratic cells from normals: the smooth surface that a mesh samples, above its flat triangles.
 
 A mesh that is read as smooth has closest points on its flat triangles, and normals of the surface that it samples. The
-surface stands above the middle of an edge from a to b by (t_a - t_b) / 8, where t are its tangents at the ends, as long
-as the edge (the middle of Hermite's cubic, as in Vlachos et al. 2001, Curved PN triangles).
+surface is above the midpoint of an edge from a to b by (t_a - t_b) / 8, where t are its tangents at the ends, as long
+as the edge (the midpoint of Hermite's cubic, as in Vlachos et al. 2001, Curved PN triangles).
 
-An edge keeps the share of that height that the surface beyond its ends supports
-(:mod:`cpmkit.mesh.mesh`): a flat face beside a fillet stays flat.
+That height is multiplied by the support of the edge (:class:`cpmkit.mesh.mesh.CurvatureSupport`): a flat face beside a
+fillet stays flat.
 
-Where such a mesh has creases, triangles with a corner there stay flat: they have their own normals and straight edges,
-since the mean of the normals on both sides of a crease is the normal of neither side.
+Triangles of such a mesh with a corner on a crease stay flat: they have their own normals and straight edges, since the
+mean of the normals on both sides of a crease is the normal of neither side.
 """
 
 from __future__ import annotations
@@ -80,9 +80,9 @@ def refine_smooth_triangles(mesh: Mesh, source: LocalSource, length: float) -> M
 
 
 def curve_cells_by_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return quadratic triangles with nodes on the smooth surface, those of facets on boundaries on the boundaries.
+    """Return quadratic triangles with nodes on the smooth surface; nodes of facets on boundaries lie on the boundaries.
 
-    Nodes far from their boundary stay off it, and midpoints of triangles that would turn over.
+    Nodes far from their boundary stay off it, as do midpoints of triangles that would turn over.
     ``mesh``: triangles of :func:`refine_smooth_triangles`, subdivided, with the boundaries inserted.
     ``source``: the manifold. ``boundaries``: as in :func:`curve_cells`.
     """
@@ -121,7 +121,7 @@ def smooth_vertex_normals(source: LocalSource, mesh: Mesh) -> SmoothNormals:
 
 
 def smooth_normals(source: LocalSource, points: Floats) -> SmoothNormals:
-    """Return the normals that ``source`` has at the feet of ``points`` (n, d); of flat triangles beside creases."""
+    """Return the normals of ``source`` at the feet of ``points`` (n, d); beside creases those of flat triangles."""
     feet = source.closest_point(np.ascontiguousarray(points))
     across = source.normals(feet)
     if not source.has_creases:
@@ -134,10 +134,10 @@ def smooth_normals(source: LocalSource, points: Floats) -> SmoothNormals:
 def smooth_midpoints(
     source: LocalSource, vertices: Floats, ends: Ints, normals: SmoothNormals, share: Floats
 ) -> tuple[Floats, SmoothNormals]:
-    """Return points (e, d) of the smooth surface above the middles of edges, and the normals there.
+    """Return points (e, d) of the smooth surface above the midpoints of edges, and the normals there.
 
-    Edges of flat triangles, and edges with a point above ``CREASED_EDGE_SHARE`` of their length, keep their middles.
-    The normals are the means of those at the ends; beside creases they are the source's normals at the middles.
+    Edges of flat triangles, and edges below a height of more than ``CREASED_EDGE_SHARE`` lengths, stay straight. The
+    normals are the means of those at the ends; beside creases they are the source's normals at the midpoints.
 
     ``vertices`` (v, d), ``ends`` (e, 2): positions of vertices, and the two vertices of each edge.
     ``normals``: normals at the vertices. ``share`` (e,): factor of the height of the surface above each edge.
@@ -155,14 +155,14 @@ def smooth_midpoints(
 
 
 def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> CurvatureSupport:
-    """Return how well the surface beyond the ends of each edge of triangles supports its bend, from vertex normals."""
+    """Return how well the surface beyond the ends of each edge supports the curvature along it, from vertex normals."""
     return curvature_support(mesh.vertices, mesh.edges.ends, normals.across[mesh.edges.ends], normals.flat)
 
 
 def own_curvature_support(source: LocalSource) -> CurvatureSupport | None:
-    """Return how well the surface beyond the ends of each edge of a source's own mesh agrees with the bend along it.
+    """Return the :func:`support_by_normals` of a source's own mesh, cached.
 
-    It is computed once and cached. None for a source whose mesh depends on the spacing, or was not made yet.
+    None for a source whose mesh depends on the spacing, or was not made yet.
     """
     cache = mesh_cache_of(source)
     if cache is None:
@@ -174,7 +174,7 @@ def fit_vertices_to_normals(mesh: Mesh, rows: Ints, normals: Floats) -> Mesh:
     """Return the mesh with the vertices ``rows`` (k,) moved from the flat triangles onto the smooth surface.
 
     Each vertex is moved along its unit normal, in ``normals`` (v, d), so that its edges become perpendicular to the
-    means of the normals at their ends, in the sense of least squares: if all other vertices are on a sphere, it is too.
+    means of the normals at their ends, in the least-squares sense. On a sphere the result is exact.
     """
     from scipy.sparse import csr_array, eye_array
     from scipy.sparse.linalg import spsolve
@@ -218,7 +218,7 @@ def _extend_normals(source: LocalSource, mesh: Mesh, cache: MeshCache, normals: 
 
 
 def _cached_heights(source: LocalSource, cache: MeshCache) -> Floats:
-    """Return the vectors (e, d) from the middles of the edges of a source's own cells to the smooth surface, cached."""
+    """Return the vectors (e, d) from midpoints of the edges of a source's own cells to the smooth surface, cached."""
 
     def heights() -> Floats:
         """Compute the vectors (e, d) in the scene's coordinates."""
@@ -233,9 +233,10 @@ def _cached_heights(source: LocalSource, cache: MeshCache) -> Floats:
 
 
 def _height_shares(source: LocalSource, mesh: Mesh, normals: SmoothNormals) -> Floats:
-    """Return the share (e,) of the height of the smooth surface above each edge that the edge keeps.
+    """Return the factor (e,) by which the height of the smooth surface above each edge is multiplied.
 
-    It is 1 if all edges of the source's own cells, or of all members of a union, keep it; else from ``normals``.
+    The factor is 1 if all edges of the source's own cells, or of a union's members, are supported; else it follows from
+    ``normals``.
     """
     cache, support = mesh_cache_of(source), own_curvature_support(source)
     if cache is not None and support is not None and cache.has_cells_of(mesh):
@@ -262,7 +263,7 @@ def _move_onto_boundaries(mesh: Mesh, normals: SmoothNormals, boundaries: Sequen
     """Return the mesh with boundary vertices moved along the surface to their boundaries, then back onto the surface.
 
     Vertices farther from their boundary than ``ONTO_BOUNDARY_EDGE_SHARE`` of their shortest edge stay off it. Vertices
-    on creases, and neighbours, stay on the triangles: no normal is that of both sides. ``normals``: at the vertices.
+    on creases and their neighbours stay on the flat triangles. ``normals`` are those at the vertices.
     """
     vertices, on_cut = mesh.vertices.copy(), np.unique(mesh.cut)
     reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edge_lengths(mesh, on_cut, np.minimum, np.inf)

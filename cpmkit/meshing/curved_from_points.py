@@ -1,7 +1,7 @@
 """Quadratic cells from closest points: vertices are moved onto the manifold, and each edge gets a midpoint there.
 
-A boundary is inserted along chords, and its vertices are moved onto it afterwards. Vertices that lie nearer to these
-chords than the boundary does move along, so that no thin triangle between turns over.
+A boundary is inserted along chords, and its vertices are moved onto it afterwards. Other vertices near the chords are
+displaced along with the boundary, so that no thin triangle between turns over.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from cpmkit.meshing.sharp_creases import sharpen_midpoints, sharpen_vertices
 from cpmkit.meshing.untangling import flip_chords, remove_double_boundary_edges, untangle_midpoints, untangle_vertices
 from cpmkit.types import Bools, Floats, Ints
 
-#: A midpoint whose closest point is farther away than this share of its edge stays on the chord: there is a crease.
+#: A midpoint of a chord whose closest point is farther than this share of the chord stays there: the chord crosses a
+#: crease.
 CREASED_EDGE_SHARE = 0.15
 #: A vertex moves onto its boundary if that is nearer than this share of the longest edge there (smooth: the shortest).
 ONTO_BOUNDARY_EDGE_SHARE = 0.3
@@ -29,9 +30,9 @@ ONTO_BOUNDARY_EDGE_SHARE = 0.3
 def curve_cells_by_closest_points(
     mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = (), spacing: float | None = None
 ) -> Mesh:
-    """Return quadratic cells with nodes on the manifold, those of facets and rim edges on the true boundaries and rims.
+    """Return quadratic cells with nodes on the manifold; nodes of facets on boundaries and rims lie on these.
 
-    Nodes of creased edges lie on the creases; midpoints of edges across creases stay on chords. Vertices far from their
+    Nodes of creased edges lie on creases; midpoints of edges across creases stay on chords. Vertices far from their
     boundary, or whose triangles would turn over, stay off it. Edges are flipped where triangles beside boundaries are
     thin or would turn over, and at slivers with all corners on creases; facets on boundaries may be replaced.
 
@@ -52,8 +53,8 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
     """Return the mesh with its vertices on the manifold, rim vertices on its rim, boundary vertices on the boundaries.
 
     Vertices farther from their boundary than ``ONTO_BOUNDARY_EDGE_SHARE`` of their longest edge stay off it; facets
-    past a tip lie on the manifold alone. Vertices beside boundaries move along; facets and cells change where triangles
-    would turn over. ``source`` is the manifold; for ``boundaries`` see :func:`curve_cells_by_closest_points`.
+    past a tip lie on the manifold alone. Vertices beside boundaries are displaced too; facets and cells change where
+    triangles would turn over. ``source`` is the manifold, ``boundaries`` as in :func:`curve_cells_by_closest_points`.
     """
     rim = rim_of_vertices(mesh)
     points = _project_to_manifold(source, mesh.vertices, rim)
@@ -84,9 +85,11 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
 
 
 def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return the mesh with a midpoint for each edge: on the manifold, and on its boundary or rim; on chords at creases.
+    """Return the mesh with a midpoint for each edge, on the manifold and on the edge's boundary or rim.
 
-    Arguments as of :func:`curve_cells_by_closest_points`; vertices are on the manifold.
+    Midpoints of edges across creases are those of the chords.
+
+    Arguments are those of :func:`curve_cells_by_closest_points`; vertices are on the manifold.
     """
     edges, length = mesh.edges, mesh.edge_lengths
     straight = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
@@ -108,8 +111,8 @@ def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSou
 def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, may_move: Bools) -> tuple[Ints, Floats]:
     """Return the vertices (k,) beside boundaries that are displaced with the boundary, and their new positions (k, d).
 
-    Each vertex gets the displacement of the nearest of all quarter points of facets on boundaries, reduced linearly to
-    zero at a distance of half the longest facet. Vertices that would not move are left out, and all of segments.
+    Each vertex gets the displacement of the nearest of the quarter points of facets on boundaries, reduced linearly to
+    zero at a distance of half the longest facet. Vertices that would not move are left out; for segments, all are.
     ``before``, ``moved`` (v, d): the vertices, and the same with those on boundaries moved onto the true boundaries.
     ``may_move`` (v,): which vertices may move.
     """
@@ -154,17 +157,17 @@ def extreme_edge_lengths(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float)
 
 
 def straighten_creased_edges(midpoints: Floats, straight: Floats, length: Floats) -> Floats:
-    """Return the ``midpoints`` (e, d) of edges, with the middles ``straight`` (e, d) of the chords across creases.
+    """Return the ``midpoints`` (e, d) of edges, replaced by midpoints ``straight`` (e, d) of chords across creases.
 
-    These are edges with a midpoint farther from ``straight`` than ``CREASED_EDGE_SHARE`` of their ``length`` (e,).
+    An edge crosses a crease if the two differ by more than ``CREASED_EDGE_SHARE`` of its ``length`` (e,).
     """
     return np.where((norms(midpoints - straight) > CREASED_EDGE_SHARE * length)[:, None], straight, midpoints)
 
 
 def _project_to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
-    """Return the closest points (n, d) of ``points`` (n, d), for the rows of ``rim`` on the manifold's rim, if any.
+    """Return the closest points (n, d) of ``points`` (n, d); those of the rows in ``rim`` lie on the manifold's rim.
 
-    Queries at the rim are moved outwards, by up to four edge lengths, until their closest point lies on a rim.
+    For these rows the points are moved outwards, by up to four edge lengths, until their closest point is on a rim.
     """
     positions = np.array(points)
     positions[rim.rows] += 1e-6 * rim.outward  # beyond rounding

@@ -1,4 +1,4 @@
-"""Curves that meet: the segments of each, split where it meets another."""
+"""Curves that meet: the segments of each curve, split where it meets another."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from cpmkit.mesh.subdivision import divide_segments
 from cpmkit.meshing.contouring.curve_graph import near_chords, nearest_on_chords
 from cpmkit.types import Bools, Floats, Ints
 
-#: Newton's rounds; one halves the distance from a point where two curves touch.
+#: Rounds of Newton's method; where two curves touch, a round halves the distance from that point.
 ROUNDS = 12
-#: The sine of the angle between two curves below which they touch, or run along each other, where they meet.
+#: Curves that meet at an angle whose sine is below this touch, or run along each other.
 LEAST_SINE = 0.02
 
 
 def join_curves(curves: Sequence[tuple[LocalSource, Mesh]], length: float) -> Mesh | None:
     """Return one mesh of several curves, with a vertex where two meet; None where two touch or run along each other.
 
-    They meet in points that both have up to ``WELDED_SIZE_SHARE`` of their box. Each curve has flat segments, repaired,
-    with vertices on it and as a rule not longer than ``length``. If no two meet, the mesh has all segments unchanged.
+    Curves meet where their distance is at most ``WELDED_SIZE_SHARE`` of their box. Each curve has flat, repaired
+    segments with vertices on it, as a rule not longer than ``length``. If no two curves meet, segments are unchanged.
     """
     meetings = meetings_of_curves(curves, length)
     if meetings is None:
@@ -41,12 +41,12 @@ def join_curves(curves: Sequence[tuple[LocalSource, Mesh]], length: float) -> Me
 
 @dataclass(frozen=True, eq=False)
 class FlatCurve:
-    """The closest points of a mesh of flat segments."""
+    """A source of closest points on flat segments."""
 
     mesh: Mesh  #: The segments.
 
     def closest_point(self, points: Floats) -> ClosestPoints:
-        """Return the closest points on the segments of ``points`` (n, d), without edges."""
+        """Return the closest points of ``points`` (n, d) on the segments; ``edge`` is -1 for all."""
         from scipy.spatial import KDTree
 
         a, b = self.mesh.vertices[self.mesh.cells].transpose(1, 0, 2)
@@ -58,14 +58,14 @@ class FlatCurve:
         return ClosestPoints(feet, distance[best], np.full(len(points), -1))
 
 
-#: A curve by its closest points, and its flat segments.
+#: A curve as a pair: its source of closest points, and its flat segments.
 Curve = tuple[LocalSource | FlatCurve, Mesh]
 
 
 def meetings_of_curves(curves: Sequence[Curve], length: float) -> list[Floats] | None:
     """Return the points (k, d) of each curve at which it meets others; None where two touch or run along each other.
 
-    Curves are those of :func:`join_curves`.
+    Curves and ``length`` are as in :func:`join_curves`.
     """
     tolerance = WELDED_SIZE_SHARE * box_size(np.concatenate([mesh.vertices for _, mesh in curves]))
     meetings = [mesh.vertices[:0] for _, mesh in curves]
@@ -78,16 +78,16 @@ def meetings_of_curves(curves: Sequence[Curve], length: float) -> list[Floats] |
 
 
 def split_at(source: LocalSource | FlatCurve, mesh: Mesh, points: Floats) -> Mesh:
-    """Return the segments of a curve split at its ``points`` (k, d), which become vertices, near others too."""
+    """Return the segments of a curve split at its ``points`` (k, d), each a new vertex even beside another vertex."""
     new = len(mesh.vertices) + np.arange(len(points))
     cells = divide_segments(mesh.vertices, mesh.cells, _segments_at(source, mesh, points), new, points)
     return Mesh.of(np.concatenate([mesh.vertices, points]), cells)
 
 
 def split_at_own_crossings(mesh: Mesh, source: LocalSource | None) -> Mesh:
-    """Return the segments of a curve with a vertex where two of them cross, on the ``source`` if it is given.
+    """Return the segments of a curve with a vertex where two of them cross, projected to the ``source``, if given.
 
-    On a curve that bends, the vertex is off the crossing by the distance of the curve from its chords.
+    The vertex is the crossing of chords, which differs from that of curved arcs by their distance from the chords.
     """
     a, b = mesh.vertices[mesh.cells].transpose(1, 0, 2)
     tolerance = WELDED_SIZE_SHARE * box_size(mesh.vertices)
@@ -126,9 +126,9 @@ def _meeting_points(first: Curve, second: Curve, length: float, tolerance: float
 
 
 def _crossings(first: Curve, second: Curve, length: float, tolerance: float) -> tuple[Floats, Bools]:
-    """Return points (k, d) of both curves, where tangents of both meet, and whether these are about parallel there.
+    """Return the points (k, d) where two curves cross, and whether (k,) their tangents there are nearly parallel.
 
-    They start from chords that are nearer to each other than both curves are to the chords.
+    Newton's method starts from pairs of chords that are nearer to each other than the curves deviate from the chords.
     """
     (a, b), (c, d) = (mesh.vertices[mesh.cells].transpose(1, 0, 2) for _, mesh in (first, second))
     heights = [_heights(*curve) for curve in (first, second)]
@@ -146,7 +146,7 @@ def _crossings(first: Curve, second: Curve, length: float, tolerance: float) -> 
             for source, at, along in zip(sources, points, tangents, strict=True)
         ]
         tangents = [unit(forward - backward) for forward, backward in ends]
-        gap, sine, step = _meeting(*points, *tangents)
+        gap, sine, step = _newton_step(*points, *tangents)
         x = points[0] + step * np.minimum(1.0, length / np.maximum(norms(step), length))[:, None]
     met = gap <= tolerance
     return points[0][met], sine[met] < LEAST_SINE
@@ -163,16 +163,16 @@ def _near_pairs(a: Floats, b: Floats, c: Floats, d: Floats, reach: float) -> tup
 
 
 def _heights(source: LocalSource | FlatCurve, mesh: Mesh) -> Floats:
-    """Return the distances (s,) of a curve from the middles of its segments."""
+    """Return the distances (s,) of a curve from the midpoints of its segments."""
     middles = mesh.vertices[mesh.cells].mean(axis=1)
     return norms(source.closest_point(middles).points - middles)
 
 
-def _meeting(p: Floats, q: Floats, along_p: Floats, along_q: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the distances (k,) of p and q (k, d), the sine of the angle of tangents there, and steps to their meeting.
+def _newton_step(p: Floats, q: Floats, along_p: Floats, along_q: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the distances (k,) of p and q (k, d), the sines (k,) of the angles of their tangents, and Newton's steps.
 
-    The step (k, d) leads from p to the middle of the points where the tangents, unit vectors (k, d), are nearest to
-    each other; to the middle of p and q where they are parallel.
+    A step (k, d) leads from p to where the lines through p and q along their unit tangents (k, d) meet: halfway between
+    the nearest points of the lines, or between p and q if the lines are parallel.
     """
     off, cosine = q - p, dots(along_p, along_q)
     squared = np.maximum(1 - cosine**2, 1e-12)

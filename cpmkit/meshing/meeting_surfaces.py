@@ -32,50 +32,51 @@ from cpmkit.types import Bools, Floats, Ints
 SNAP_SHARE = 0.3
 #: A vertex nearer to the other surface than this share of its shortest edge lies on it.
 ON_SHARE = 1e-6
-#: An edge is split where it meets a surface, or this beyond its rim by at most so many lengths of the edge.
+#: An edge is split where it meets a surface, or its continuation up to so many lengths of the edge beyond its rim.
 BEYOND_RIM = 1.5
-#: Normals of two triangles differ by more than this at the middle of a crease.
+#: An edge is a crease if the normals of its two triangles differ by more than this at its midpoint.
 CREASE_DEGREES = 3.0
 #: A point nearer to an edge or a vertex than this share of its triangle's height becomes a vertex of it.
 NEAR_EDGE_SHARE = 0.2
-#: Vertices are moved where the areas of their triangles keep this share.
+#: A vertex is moved only if the areas of its triangles do not fall below this share.
 LEAST_MOVED_SHARE = 0.1
 #: Rounds of the search for a crossing of an edge: every third one halves the interval.
 ROUNDS = 60
 
-#: Returns the signed distance (n,) of points (n, 3) from a surface, and how far (n,) they are beyond its rim.
-Side = Callable[[Floats], tuple[Floats, Floats]]
+#: A function that returns the signed distances (n,) of points (n, 3) from a surface, and how far (n,) they are beyond
+#: its rim.
+SignedDistance = Callable[[Floats], tuple[Floats, Floats]]
 
 
 @dataclass(frozen=True, eq=False)
 class SplitMesh:
-    """Triangles that were split, and where they meet the other surface."""
+    """Triangles that were split where they meet another surface."""
 
     mesh: Mesh  #: Quadratic triangles.
-    parent: Ints  #: (m,): the triangle that each is a part of.
+    parent: Ints  #: (m,): the original triangle that contains each triangle.
     is_on: Bools  #: (v,): whether a vertex lies on the other surface.
     sides: Ints  #: (m,): 1 or -1 for triangles on one side of the other surface, 0 for those on both sides.
 
     @property
     def chain(self) -> Ints:
-        """(k, 2) the edges between triangles on both sides."""
+        """(k, 2) the edges on the other surface: between triangles on both of its sides."""
         ends, (least, most) = self.mesh.edges.ends, extremes_at_edges(self.mesh, self.sides)
         return ends[self.is_on[ends].all(axis=1) & (least * most < 0)]
 
 
 def split_at_surface(
     mesh: Mesh,
-    side: Side,
+    side: SignedDistance,
     on: Floats | float = 0.0,
     exact: float = 1e-12,
     beyond_rim: float = BEYOND_RIM,
     thin: float = 0.0,
 ) -> SplitMesh:
-    """Return quadratic triangles split where they cross another surface, given by its ``side``.
+    """Return quadratic triangles split where they cross another surface, given by its signed distance ``side``.
 
-    Vertices nearer to the surface than ``on`` (v,) lie on it. Edges that cross it are split where they do, to a share
-    ``exact`` of their length, if that is beyond its rim by at most ``beyond_rim`` of it. Triangles with all corners on
-    it have no side if their centres are nearer than the share ``thin`` of their size.
+    Vertices nearer to the surface than ``on`` (v,) count as on it. Edges are split where they cross the surface, up to
+    ``beyond_rim`` edge lengths beyond its rim; the crossing has an error of ``exact`` edge lengths. Triangles with all
+    corners on the surface have no side if their centres are nearer than ``thin`` times their size.
     """
     sides = side(mesh.vertices)[0]
     mesh_edges, lengths = mesh.edges.ends, mesh.edge_lengths
@@ -100,9 +101,12 @@ def split_at_surface(
 
 
 def _crossings(
-    mesh: Mesh, sides: Floats, side: Side, edges: Ints, exact: float, beyond_rim: float
+    mesh: Mesh, sides: Floats, side: SignedDistance, edges: Ints, exact: float, beyond_rim: float
 ) -> tuple[Ints, Floats]:
-    """Return which of ``edges`` (k,) cross the other surface, and the shares (n,) of them at which they do."""
+    """Return the ``edges`` (n,) of (k,) that cross the other surface, and the shares (n,) of their lengths to there.
+
+    ``sides`` (v,) are the signed distances of vertices; the other arguments are those of :func:`split_at_surface`.
+    """
     ends = mesh.edges.ends[edges]
     edges = edges[np.prod(np.sign(sides[ends]), axis=1) < 0]
     start, end = sides[mesh.edges.ends[edges]].T
@@ -129,7 +133,7 @@ def _crossings(
 
 
 def _snapped(mesh: Mesh, sides: Floats, crossing: Ints, share: Floats) -> tuple[Mesh, Floats]:
-    """Return the mesh with vertices beside crossings moved there along their edges, and the sides of vertices.
+    """Return the mesh with vertices near crossings moved along edges to the crossings, and the vertices' new ``sides``.
 
     Vertices on creases and rims move along these alone; corners stay.
     """
@@ -147,9 +151,10 @@ def _snapped(mesh: Mesh, sides: Floats, crossing: Ints, share: Floats) -> tuple[
 
 
 def _completes(mesh: Mesh, sides: Floats, vertices: Ints, away: Floats) -> Bools:
-    """Return which of ``vertices`` (k,), farther ``away`` (k,) first, put the last corner of a triangle on a curve.
+    """Return whether each of ``vertices`` (k,), if moved, would be the third corner of a triangle on the other surface.
 
-    A triangle between three points of a curve is as thin as an edge is bent, however small it is.
+    Of several vertices of a triangle only the one with the longest way ``away`` (k,) counts. A triangle between three
+    points of the common curve would be too thin: it would have the height of the curve above its chord.
     """
     distance = np.where(sides == 0, 0.0, np.inf)
     distance[vertices] = 1 + away
@@ -162,10 +167,10 @@ def _completes(mesh: Mesh, sides: Floats, vertices: Ints, away: Floats) -> Bools
 
 
 def _with_moved(mesh: Mesh, rows: Ints, points: Floats, creased: Bools) -> tuple[Mesh, Bools]:
-    """Return the mesh with the vertices ``rows`` (k,) at ``points`` (k, 3) of it, and which vertices (v,) were moved.
+    """Return the mesh with the vertices ``rows`` (k,) moved to its ``points`` (k, 3), and whether (v,) each was moved.
 
-    Midpoints follow; those of ``creased`` edges (e,) keep to the arcs of these. Of triangles that would become thin or
-    turn over, the vertex that moves farthest stays.
+    Midpoints follow; those of ``creased`` edges (e,) stay on the arcs of these edges. In a triangle that would become
+    thin or turn over, the vertex that moves farthest stays.
     """
     moved, at = np.zeros(len(mesh.vertices), dtype=bool), mesh.vertices.copy()
     moved[rows], at[rows] = True, points
@@ -196,9 +201,9 @@ def _areas(corners: Floats) -> Floats:
 
 
 def with_points(mesh: Mesh, points: Floats) -> tuple[Mesh, Ints]:
-    """Return the mesh with vertices at ``points`` (n, 3) of it, and the triangle (m,) that each is a part of.
+    """Return the mesh with vertices at its ``points`` (n, 3), and the original triangle (m,) that contains each one.
 
-    Points near a crease, or a vertex on one, are left out.
+    Points near a crease, or near a vertex on a crease, are left out.
     """
     parent = np.arange(len(mesh.cells))
     for _ in range(len(points)):
@@ -231,7 +236,7 @@ def with_points(mesh: Mesh, points: Floats) -> tuple[Mesh, Ints]:
 
 
 def _is_first(values: Ints) -> Bools:
-    """Return which of ``values`` (n,) did not occur before."""
+    """Return whether each of ``values`` (n,) differs from all before it."""
     first = np.zeros(len(values), dtype=bool)
     first[np.unique(values, return_index=True)[1]] = True
     return first
@@ -255,7 +260,7 @@ def sharp_edges(mesh: Mesh) -> Bools:
 
 
 def moved_onto(base: Mesh, chain: Ints, other: QuadraticSurface) -> Mesh:
-    """Return the ``base`` with the midpoints of a ``chain`` (k, 2) moved along it onto the ``other`` surface."""
+    """Return the ``base`` with midpoints of edges ``chain`` (k, 2) moved along the base onto the ``other`` surface."""
     surface, edges = QuadraticSurface(base), edge_numbers(base, chain)
     midpoints = edge_midpoints(base)
     points = midpoints[edges]
@@ -274,7 +279,7 @@ def moved_onto(base: Mesh, chain: Ints, other: QuadraticSurface) -> Mesh:
 
 
 def turned_cells(mesh: Mesh, chain: Ints, least: float) -> Ints:
-    """Return the triangles (k,) with an edge of a ``chain`` (n, 2) at a corner of which the surface turns over.
+    """Return the triangles (k,) beside edges ``chain`` (n, 2) that turn over, or nearly, at a corner.
 
     There the area element is less than ``least`` times that of the flat triangle.
     """
@@ -289,7 +294,7 @@ def turned_cells(mesh: Mesh, chain: Ints, least: float) -> Ints:
     return cells[share < least]
 
 
-def piercing_points(mesh: Mesh, side: Side, gap: float) -> Floats:
+def piercing_points(mesh: Mesh, side: SignedDistance, gap: float) -> Floats:
     """Return the points (k, 3) where creases, junctions and rims of a mesh meet another surface, given by ``side``.
 
     Rim edges are left out if one of their ends is nearer to the surface than ``gap``: the rim may end on the surface.

@@ -1,8 +1,8 @@
-"""The mesh of a source that is the same at any spacing, and quantities that no lattice changes: computed once.
+"""A cache for the mesh of a source that is the same at any spacing, and for quantities that no lattice changes.
 
 Repaired cells, edges, normals at the vertices and heights of the smooth surface above the edges are the same on every
-lattice, and on coarse lattices take longer than all the rest. They are computed in coordinates of the scene, so that
-they do not depend on the first lattice that was used, and are released with the source.
+lattice, and on coarse lattices take longer to compute than all the rest. They are computed in coordinates of the scene,
+so that they do not depend on the lattice that was used first, and are released with the source.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class RepairedMesh:
     """A repair that can be applied to any translated copy of a mesh."""
 
     vertex_of: Ints  #: (v,): the vertex of the original mesh that each vertex of the repaired mesh copies.
-    mesh: Mesh  #: The repaired mesh where the source stands in the scene.
+    mesh: Mesh  #: The repaired mesh, in the scene's coordinates.
     report: RepairReport
 
     def repair_copy(self, mesh: Mesh) -> Mesh:
@@ -83,7 +83,7 @@ def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache |
     """Return the cache of a source's mesh; None where the source has no mesh that is the same at any spacing.
 
     ``cells`` (m, k): the cells that the source has just returned: a cache is created and stored for them. Without
-        cells, an existing cache is returned, else None. It is None, too, for a source that cannot be a weak key.
+        cells, an existing cache is returned, or None. Sources that cannot be weak keys have no cache.
     """
     of: Any = source.of
     try:

@@ -90,7 +90,7 @@ def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
 
 
 def replace_spacing_advice(texts: Iterator[str], source: LocalSource, spacing: float) -> tuple[str, ...]:
-    """Return ``texts``; if ``source`` is noisy at ``spacing``, with :data:`EXACTER` for "use a smaller spacing".
+    """Return ``texts``; if ``source`` is noisy at ``spacing``, "use a smaller spacing" is replaced by :data:`EXACTER`.
 
     A smaller spacing would increase the error by noise.
     """

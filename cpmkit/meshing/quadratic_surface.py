@@ -1,6 +1,6 @@
-"""Surfaces of quadratic triangles: their points and normals, and edges split at points of them.
+"""Surfaces of quadratic triangles: their points and normals, and the splitting of their edges and triangles.
 
-A triangle is split by its own parameters, so that its parts are the same surface.
+A triangle is split in its own parameters, so that its parts are the same surface.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cpmkit.types import Bools, Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class QuadraticSurface:
-    """Points, normals and heights of a surface of quadratic triangles, found by those of the flat ones."""
+    """Points, normals and heights of a surface of quadratic triangles, by a search among the flat triangles."""
 
     mesh: Mesh  #: Quadratic triangles.
 
@@ -29,7 +29,7 @@ class QuadraticSurface:
         return ProjectionSearch(Mesh.of(self.mesh.vertices, self.mesh.cells), self.mesh.lengths_of_cells.max(axis=1))
 
     def frames(self, cell: Ints, shares: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the points (n, 3) at barycentric ``shares`` (n, 3) of cells (n,), and both tangents (n, 3)."""
+        """Return points (n, 3) at barycentric coordinates ``shares`` (n, 3) of cells (n,), and two tangents (n, 3)."""
         assert self.mesh.midpoints is not None
         nodes = np.concatenate([self.mesh.vertices[self.mesh.cells[cell]], self.mesh.midpoints[cell]], axis=1)
         a, b, c = shares.T
@@ -44,7 +44,7 @@ class QuadraticSurface:
         return point, first, second
 
     def feet(self, points: Floats) -> tuple[Ints, Floats]:
-        """Return a cell (n,) near each of ``points`` (n, 3), and the barycentric coordinates (n, 3) of a foot in it."""
+        """Return a cell (n,) near each of ``points`` (n, 3), and barycentric coordinates (n, 3) of a foot in it."""
         found = self._search.nearest(points)
         cell, shares = found.cell, found.shares
         for _ in range(3):
@@ -60,7 +60,7 @@ class QuadraticSurface:
         return cell, shares
 
     def nearest(self, points: Floats) -> Floats:
-        """Return points (n, 3) of the surface near ``points`` (n, 3)."""
+        """Return the feet (n, 3) of ``points`` (n, 3) on the surface; approximately the closest points."""
         return self.frames(*self.feet(points))[0]
 
     def normals(self, cell: Ints, shares: Floats) -> Floats:
@@ -69,9 +69,9 @@ class QuadraticSurface:
         return np.asarray(unit(np.cross(first, second)) * self.mesh.winding[cell, None])
 
     def side(self, points: Floats, reach: float) -> tuple[Floats, Floats]:
-        """Return the heights (n,) of ``points`` (n, 3) above the surface, and their distances (n,) from its normals.
+        """Return the signed heights (n,) of ``points`` (n, 3) above the surface, and distances (n,) from its normals.
 
-        Both are infinite for points that are farther than ``reach`` from it; some of these may have values.
+        Both are infinite for points farther than ``reach`` from the surface, though some such points may have values.
         """
         height, beyond = np.full((2, len(points)), np.inf)
         rows = np.flatnonzero(self.is_near(points, reach))
@@ -125,9 +125,9 @@ def with_edge_midpoints(mesh: Mesh, midpoints: Floats) -> Mesh:
 
 
 def quartered(mesh: Mesh) -> Mesh:
-    """Return the four flat triangles between the corners and midpoints of each quadratic one, those of a corner first.
+    """Return the flat triangles (4 m) between the corners and midpoints of m quadratic triangles.
 
-    Triangle i of the first, second, third and last m of them is a part of triangle i of the m in ``mesh``.
+    Rows i, m + i and 2 m + i are the parts of triangle i at its corners, and row 3 m + i is its central part.
     """
     count, edges = len(mesh.vertices), mesh.edges
     a, b, c = mesh.cells.T
@@ -146,13 +146,13 @@ def extremes_at_edges(mesh: Mesh, values: Ints) -> tuple[Ints, Ints]:
 
 
 def split_edges(mesh: Mesh, ends: Ints, shares: Floats) -> tuple[Mesh, Ints]:
-    """Return quadratic triangles with edges split, and the triangle (m,) that each is a part of.
+    """Return quadratic triangles with edges split, and the original triangle (m,) that contains each triangle.
 
-    ``ends`` (k, 2): distinct edges, which are split at ``shares`` (k,) from the first end. New vertices follow the old
-    ones in this order.
+    ``ends`` (k, 2) are distinct edges, which are split at ``shares`` (k,) from their first ends. The new vertices
+    follow the old vertices, in the order of the edges.
     """
     parent, first = np.arange(len(mesh.cells)), len(mesh.vertices)
-    # of two edges of a triangle the one split nearer to an end comes first: the parts of the other are less thin
+    # of two edges of a triangle, that split nearer to an end comes first: then parts are less thin
     waiting = np.argsort(np.minimum(shares, 1 - shares), kind="stable")
     vertices = np.concatenate([mesh.vertices, np.zeros((len(ends), mesh.dim))])
     while len(waiting):
@@ -197,7 +197,7 @@ def split_cells(mesh: Mesh, cells: Ints, shares: Floats) -> tuple[Mesh, Ints]:
 
 
 def _split(mesh: Mesh, vertices: Floats, edges: Ints, shares: Floats, new: Ints) -> tuple[Mesh, Ints]:
-    """Return the mesh with ``edges`` (k,), no two of a triangle, split at vertices ``new`` (k,), and parents (m,)."""
+    """Return the mesh with ``edges`` (k,), no two of one triangle, split at vertices ``new`` (k,), and parents (m,)."""
     row = np.full(len(mesh.edges.ends), -1)
     row[edges] = np.arange(len(edges))
     cell, corner = np.nonzero(row[mesh.edges.of_cells] >= 0)

@@ -1,7 +1,7 @@
 """Nodes of a contoured mesh at creases, moved onto the creases of the manifold that closest points define.
 
-Closest points of nodes beside a crease lie on one of its faces, up to a hundredth of a spacing from the crease: an
-error of first order. Here each node moves to the common point of planes that touch the faces nearby.
+Closest points of nodes beside a crease lie on one of its faces, up to a hundredth of a spacing from the crease, which
+causes an error of first order. Here each node moves to the common point of tangent planes of the faces nearby.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from cpmkit.meshing.contour_edges import collapse_edges, double_areas, shortest_
 from cpmkit.meshing.creases import CREASE_DEGREES, inward_directions, sharp_facets
 from cpmkit.types import Bools, Floats, Ints
 
-#: Planes touch the faces at these shares of an edge's length from the node, one after the other: the error of a plane
-#: on a curved face is proportional to the square.
+#: Tangent planes touch the faces at these shares of an edge's length from the node, one after the other: the error of a
+#: plane on a curved face is proportional to the square of its distance.
 PLANE_SHARES = (0.5, 0.2, 0.08, 0.03, 0.012, 0.005)
-#: Normals are taken at this share of that distance above a face, and from no closer than so many times the noise.
+#: Normals are computed at this share of that distance above a face, but not closer than so many times the noise.
 HEIGHT_SHARE, NOISE_FACTOR = 0.1, 30.0
-#: The least turn, in degrees, of a crease of exact closest points: beside it planes touch both faces a hundredth of an
-#: edge apart, where a smooth surface hardly turns.
+#: The least turn, in degrees, of a crease if closest points are exact: the planes that touch both faces are then a
+#: hundredth of an edge apart, over which a smooth surface hardly turns.
 LEAST_CREASE_DEGREES = 6.0
-#: Planes whose normals, of length one, have a smaller share of the largest singular value define no further direction.
+#: Singular values of unit normals of planes below this share of the largest define no further direction.
 LEAST_SINGULAR_SHARE = float(np.tan(np.radians(LEAST_CREASE_DEGREES / 2)))
-#: A node moves by at most an edge's length, and to where the manifold is nearer than this share of it.
+#: A node moves by at most an edge's length, to a point whose distance from the manifold is below this share of it.
 ON_MANIFOLD_SHARE = 1e-4
-#: The middle of an edge along a crease that turns slightly is nearer to the crease than this share of the edge.
+#: The midpoint of an edge along a slight crease is nearer to the crease than this share of the edge.
 MIDDLE_SHARE = 0.1
-#: Edges at creases that are shorter than this share of the longest of their triangle are collapsed.
+#: Edges at creases that are shorter than this share of the longest edge of their triangle are collapsed.
 SHORT_SHARE = 0.2
-#: A triangle whose height over its longest edge is a smaller share of it is a sliver.
+#: A triangle is a sliver if its height over its longest edge is a smaller share of this edge.
 SLIVER_SHARE = 0.1
 #: Rounds of moves, collapses and halvings, since each treats the result of the round before.
 SHARPENING_ROUNDS = 6

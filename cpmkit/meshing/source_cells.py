@@ -1,4 +1,4 @@
-"""The cells of sources that are meshes, or that have a mesh of themselves that is good enough for quadrature."""
+"""The cells of sources that are meshes, or that provide a mesh of themselves that is good enough for quadrature."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from cpmkit.meshing.curved_from_normals import refine_smooth_triangles
 from cpmkit.meshing.meeting_curves import join_curves
 from cpmkit.meshing.mesh_cache import mesh_cache_of, repair_source_mesh, untranslated_source
 
-#: A mesh with more triangles than this on a square of its edge length costs more samples than it is worth: equal
-#: sides make 2.3, parameters of a sphere 3, of a Klein bottle 5, marching tetrahedra 8 and more.
+#: Most triangles of a mesh per square of its edge length: more would cost too many samples. Equilateral triangles are
+#: 2.3, those of the parameters of a sphere 3, of a Klein bottle 5, of marching tetrahedra 8 and more.
 MOST_TRIANGLES_PER_SQUARE = 7.0
 
 
@@ -111,8 +111,8 @@ def _own_mesh(source: LocalSource, length: float) -> Mesh | None:
 def _largest_centre_distance(source: LocalSource, mesh: Mesh) -> float:
     """Return the largest distance of the centres of some 1000 cells from the manifold: zero for a faceted mesh.
 
-    No query, and so no search tree, is needed where the source has exact closest points, values at its vertices, and
-    the same cells at another spacing: then the manifold consists of these cells.
+    A source with exact closest points, values at its vertices, and the same cells at another spacing consists of these
+    cells: then no query is needed, and no search tree.
     """
     drawing = source.source
     assert isinstance(drawing, HasMesh)
@@ -150,7 +150,7 @@ def _cells_of_union(source: LocalSource, length: float, shortest: float | None) 
 
 
 def _have_common_points(first: LocalSource, first_mesh: Mesh, second: LocalSource, second_mesh: Mesh) -> bool:
-    """Return whether two members come within 1e-6 of the larger's size, by projections in turn from near vertices."""
+    """Return whether two members come within 1e-6 of their larger size, by alternating projections of near vertices."""
     size = max(box_size(first_mesh.vertices), box_size(second_mesh.vertices))
     x = first_mesh.vertices
     x = x[np.argsort(norms(second.closest_point(x).points - x))[:256]]

@@ -1,12 +1,12 @@
 """Triangles that turn over beside a curved boundary: their vertices or midpoints are moved back, or with the boundary.
 
-A vertex may lie nearer to the chord of a boundary than the boundary does. The area of a triangle that turned over would
-count twice; were the boundary left on its chord, samples would lie on its wrong side and get data of the other side.
+A triangle turns over if a vertex lies between a boundary and its chord when the chord's ends and midpoint are moved
+onto the boundary. Its area would count twice; were the boundary left on its chord, samples would lie on its wrong side.
 
-The chords of an inserted boundary may pass a triangle on one side while the boundary itself passes it on the other:
-then the third edge becomes the facet on the boundary. Elsewhere the triangle is thinner than the boundary bends. With
-its edges on the boundary and the third edge on the manifold it would turn over, and with straight edges there would be
-area on its wrong side, up to two thirds of the chord's height times its length: then the third edge is flipped.
+A triangle with two edges on one boundary is special. If the chords pass the triangle on one side and the boundary
+itself on the other, the third edge becomes the facet on the boundary. If the triangle is thinner than the height of the
+arcs above their chords, it would turn over with curved edges, and with straight edges up to two thirds of that height
+times the chord would be area on the wrong side: then the third edge is flipped.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ UNTANGLING_ROUNDS = 4
 def untangle_vertices(mesh: Mesh, before: Floats, moved: Floats) -> Floats:
     """Return ``moved`` (v, d), with the positions ``before`` (v, d) for vertices of triangles that would turn over.
 
-    They would if their area shrank below ``LEAST_MOVED_AREA_RATIO``. A vertex that keeps its position may lie off its
-    boundary. There are ``UNTANGLING_ROUNDS`` rounds. For segments ``moved`` itself is returned.
+    A triangle turns over if its area shrinks below ``LEAST_MOVED_AREA_RATIO``. Vertices that are moved back may lie off
+    their boundary. There are ``UNTANGLING_ROUNDS`` rounds. For segments ``moved`` itself is returned.
     """
     if mesh.manifold_dim == 1:
         return moved
@@ -64,8 +64,9 @@ def untangle_midpoints(
 ) -> Floats:
     """Return the ``midpoints`` (e, d) of edges, changed where quadratic triangles would turn over.
 
-    First the other midpoints of such triangles move along with the midpoint on the boundary. Where triangles still turn
-    over, the midpoints on boundaries return to ``free``, projected, and the others to ``midpoints``; a few may remain.
+    First the other midpoints of such triangles are displaced with the midpoint on the boundary. Where triangles still
+    turn over, the midpoints on boundaries return to ``free``, projected, and the others to ``midpoints``. A few
+    triangles may still turn over.
 
     ``mesh``: triangles. ``on_boundary`` (c,): the edges on boundaries. ``source``: the manifold.
     ``midpoints``, ``free`` (e, d): midpoints on the manifold, the rim and boundaries; and those before any was moved
@@ -90,7 +91,7 @@ def untangle_midpoints(
 
 
 def area_ratios(before: Floats, moved: Floats) -> Floats:
-    """Return the signed area of triangles after a move, over that before, (m,), from their corners (m, 3, d)."""
+    """Return the ratios (m,) of the signed areas of triangles after and before a move of their corners (m, 3, d)."""
     return _signed_ratio(*_sides(before), *_sides(moved))
 
 
@@ -123,10 +124,10 @@ def _signed_ratio(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
 
 
 def _folded_triangles(mesh: Mesh, midpoints: Floats, source: LocalSource) -> Ints:
-    """Return the numbers (k,) of the triangles that turn over in projection along the manifold's normal.
+    """Return the numbers (k,) of the triangles that turn over both in their own plane and along the manifold's normal.
 
-    ``midpoints`` (e, d) are those of the edges. Triangles that do not turn over in their own planes are not tested;
-    these planes alone are no measure where triangles are thinner than their edges bend with the manifold.
+    ``midpoints`` (e, d) are those of the edges. The plane of a triangle alone is no measure where the triangle is
+    thinner than the heights of its curved edges.
     """
     corners, of_cells = mesh.vertices[mesh.cells], mesh.edges.of_cells
     rows = np.flatnonzero(is_folded(corners, midpoints[of_cells]))
@@ -149,10 +150,10 @@ def _move_midpoints_with_boundary(
 ) -> Floats:
     """Return the ``midpoints`` (e, d) of edges, displaced in ``folded`` triangles (k,) along with the boundary.
 
-    Only triangles with exactly one edge on a boundary are treated. The midpoint of this edge is displaced from where it
-    would be without boundaries, ``free`` (e, d). The two other midpoints get a share of that displacement, and
-    ``project`` returns them to the manifold. The share is 1 at the middle of the edge's chord, and falls to 0 towards
-    its ends and at a distance of its length.
+    Only triangles with exactly one edge on a boundary are treated. The midpoint of this edge is displaced from its
+    position without boundaries, ``free`` (e, d). The two other midpoints get a share of that displacement, and
+    ``project`` returns them to the manifold. The share is 1 at the midpoint of the edge's chord, and falls to 0 towards
+    the ends of the chord and at a distance of its length.
     """
     edges = mesh.edges.of_cells[folded]
     edges = edges[is_on_boundary[edges].sum(axis=1) == 1]
@@ -221,7 +222,7 @@ def _starts_at_common_corner(mesh: Mesh, pairs: Ints, corners: Ints) -> Ints:
 
 
 def _replace_facet_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
-    """Return the mesh with the third edge of triangles as facet in place of two, the rows ``pairs`` (k, 2) of its cut.
+    """Return the mesh with the third edge of triangles as facet in place of two others, ``pairs`` (k, 2) of its cut.
 
     ``corners`` (k, 3) are the triangles' corners, the common corner of both facets first.
     """
@@ -237,7 +238,7 @@ def _replace_facet_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
 
 
 def flip_chords(mesh: Mesh) -> Mesh:
-    """Return the triangles with third edges flipped (:func:`flip_third_edges`) where two are in line on boundaries."""
+    """Return the triangles; if two edges of one are in line on boundaries, its third edge is flipped."""
     of_cells = mesh.edge_is_cut[mesh.edges.of_cells]
     thin = np.flatnonzero(of_cells.sum(axis=1) == 2)
     if not len(thin):
@@ -246,7 +247,7 @@ def flip_chords(mesh: Mesh) -> Mesh:
 
 
 def flip_third_edges(mesh: Mesh, thin: Ints, lead: Ints) -> Mesh:
-    """Return the triangles; where two edges of one of ``thin`` (k,) lie nearly in line, its third edge is flipped.
+    """Return the triangles; if two edges of one of ``thin`` (k,) lie nearly in line, its third edge is flipped.
 
     The two edges meet at corner ``lead`` (k,). The third stays if it lies on a boundary, if it does not have two
     triangles that form a convex quadrilateral and take part in no other flip, or if the flipped edge exists already.

@@ -1,1 +1,1 @@
-"""Manifolds known by closest points alone: surfaces by dual contouring without a sign, curves traced step by step."""
+"""Meshes of manifolds known by closest points alone: dual contouring of surfaces without a sign, traces of curves."""

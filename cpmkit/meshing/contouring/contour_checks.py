@@ -13,8 +13,8 @@ from cpmkit.meshing.contouring.contour_repair import crowded_edges
 from cpmkit.meshing.contouring.contour_rims import RimTest
 from cpmkit.types import Bools, Floats, Ints
 
-#: The weight in ``severity`` of a component gained or lost, of a wrong area and of a missed part of the surface; that
-#: of an open edge is 4, of a fold or an uncovered point 1.
+#: The weight in ``severity`` of a component gained or lost, of a wrong area and of a missed part of the surface; an
+#: open edge has the weight 4, a fold or an uncovered point 1.
 COMPONENT_WEIGHT = 40
 
 
@@ -24,8 +24,8 @@ class MeshDefects:
 
     cracks: Floats  #: (k, 3): midpoints of open edges off rims.
     nonmanifold_edges: Floats  #: (k, 3): midpoints of edges of four triangles or more at which no two sheets cross.
-    #: (k, 3): ends of lines of edges of three triangles or more that lie neither on another such line nor at the
-    #: border.
+    #: (k, 3): ends of branch lines (edges of three triangles or more in a row) that lie neither on another such line
+    #: nor at the border.
     branch_ends: Floats
     folds: Floats  #: (k, 3): centres of triangles that fold over beside a rim.
     #: (k, 3): points of creases, rims and close sheets with no triangle within .3 spacings of the lattice.
@@ -122,7 +122,8 @@ def restore_creases(nodes: LatticeNodes, vertices: Floats, cells: Ints, on_rim: 
 def _at_most_one_per_triangle(rows: Ints, edge: Ints, of_cells: Ints) -> tuple[Ints, Ints]:
     """Return the entries of ``rows`` (k,) and ``edge`` (k,) that are left if each triangle keeps its first edge only.
 
-    ``edge``: edges, the preferred first; of equal ones the first counts. ``of_cells`` (m, 3): those of all triangles.
+    ``edge`` are numbers of edges, preferred edges first; of equal numbers the first counts. ``of_cells`` (m, 3) are the
+    edges of all triangles.
     """
     rank = np.full(int(of_cells.max(initial=-1)) + 1, len(edge))
     np.minimum.at(rank, edge, np.arange(len(edge)))
@@ -136,9 +137,9 @@ def _at_most_one_per_triangle(rows: Ints, edge: Ints, of_cells: Ints) -> tuple[I
 def _nearest_edges(points: Floats, vertices: Floats, cells: Ints) -> tuple[Floats, Ints, Floats]:
     """Return the distance (n,) of each of ``points`` (n, 3) from the triangles, a slot (n,) and a share (n,).
 
-    The slot is that of the nearest edge of the nearest triangle (:meth:`EdgeTable.slots_of`), the share that of its
-    length at which the point is nearest, from its first end (:func:`edge_ends`). Only the twelve triangles with the
-    nearest centres are tested.
+    The slot is that of the nearest edge of the nearest triangle (:meth:`EdgeTable.slots_of`); the share is where on the
+    edge, from its first end (:func:`edge_ends`), the nearest point lies. Only the twelve triangles with the nearest
+    centres are tested.
     """
     from scipy.spatial import KDTree
 

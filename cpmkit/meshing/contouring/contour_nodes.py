@@ -12,11 +12,12 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.types import Bools, Floats, Ints
 
-#: The normals of one plane have at least this cosine with each other; smaller, smooth surfaces look creased.
+#: Normals count as those of one plane if their cosines are at least this; with a larger bound smooth surfaces look
+#: creased.
 PLANE_COSINE = 0.8
-#: A normal is computed from a closest point at least this share of the spacing away: from nearer ones it is rounding.
+#: A normal is computed from a closest point at least this share of the spacing away: for nearer ones it is rounding.
 NORMAL_DISTANCE = 0.02
-#: The same in units of the noise of closest points: the direction is then known to 1/20.
+#: The least distance for a normal in units of the noise of closest points: the direction is then known to 1/20.
 NORMAL_NOISES = 20.0
 #: Where closest points are noisy, normals are computed from points moved off the surface by so many noises.
 OFFSET_NOISES = 30.0
@@ -98,10 +99,10 @@ def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> Latti
 def _nonplanar_cells(
     positions: Floats, closest: Floats, normals: Floats, distance: Floats, on_rim: Bools, corners: Ints, spacing: float
 ) -> Bools:
-    """Return which cells (c,), with nodes ``corners`` (c, 8), the surface does not cross like one plane.
+    """Return whether (c,) the surface in each cell, with nodes ``corners`` (c, 8), differs from a plane.
 
-    In a planar cell the distances and normals of all corners agree with the tangent plane at the foot of the nearest,
-    and no foot lies on a rim. The other arguments are those of all nodes, see :class:`LatticeNodes`.
+    In a planar cell the distances and normals of all corners agree with the tangent plane at the closest point of the
+    nearest corner, and no closest point lies on a rim. The other arguments are fields of :class:`LatticeNodes`.
     """
     trusted = distance > NORMAL_DISTANCE * spacing
     nearest = np.argmin(np.where(trusted[corners], distance[corners], np.inf), axis=1)

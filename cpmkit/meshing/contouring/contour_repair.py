@@ -25,11 +25,11 @@ from cpmkit.types import Bools, Floats, Ints
 
 
 def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 3) and triangles (m, 3), with those edges collapsed at which sheets are connected wrongly.
+    """Return vertices (v, 3) and triangles (m, 3), with edges collapsed at which sheets are connected wrongly.
 
-    These are edges of three triangles or more that are shorter than .35 times the ``spacing`` of the contouring
+    Collapsed are edges of three triangles or more that are shorter than .35 times the ``spacing`` of the contouring
     lattice, and the shortest edges of triangles without area beside edges of three or more. The remaining vertex is
-    the closest point of the edge's middle; vertices keep their numbers.
+    the closest point of the edge's midpoint; vertices keep their numbers.
     """
     for _ in range(20):  # a limit; each round treats the result of the round before
         edges = edge_table(cells)
@@ -127,7 +127,7 @@ def separate_sheets(source: LocalSource, vertices: Floats, cells: Ints) -> tuple
     """Return vertices (v, 3) and triangles (m, 3), with sheets separated at edges of four triangles unless they cross.
 
     The four triangles are paired by the smaller angles between them; only the two of a pair keep common vertices.
-    Where both pairs stay connected another way around, the edge of one pair is halved.
+    Where the two pairs stay connected through other triangles, the edge of one pair is halved.
     """
     for _ in range(6):  # each round treats the edges that the round before left or made
         edges = edge_table(cells)
@@ -143,7 +143,7 @@ def separate_sheets(source: LocalSource, vertices: Floats, cells: Ints) -> tuple
 
 
 def crowded_edges(source: LocalSource, vertices: Floats, cells: Ints, edges: EdgeTable) -> Ints:
-    """Return the numbers (k,) of ``edges``, of triangles ``cells`` (m, 3), with four or more where no sheets cross."""
+    """Return the numbers (k,) of ``edges`` of four triangles or more at which no two sheets cross."""
     edge, _, _, crossing = _edges_of_four(source, vertices, cells, edges)
     return np.setdiff1d(np.flatnonzero(edges.count > 3), edge[crossing])
 
@@ -241,7 +241,7 @@ def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints)
 
 
 def _halve_common_edges(source: LocalSource, vertices: Floats, cells: Ints, pairs: Ints) -> tuple[Floats, Ints]:
-    """Return vertices and triangles, with the edge of the second of each two ``pairs`` halved if both still share it.
+    """Return vertices and triangles, with the edge of the second pair of triangles halved if both pairs still share it.
 
     ``pairs`` (k, 2, 2) are the slots of the triangles of both pairs.
     """

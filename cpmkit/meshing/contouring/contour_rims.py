@@ -18,7 +18,7 @@ from cpmkit.meshing.contour_edges import (
 )
 from cpmkit.types import Bools, Floats, Ints
 
-#: Beyond a rim the closest point stays the same, up to this share of the distance by which the query is moved.
+#: Beyond a rim, closest points of a query and of the moved query differ by at most this share of the move.
 RIM_STAYS = 0.2
 
 
@@ -56,7 +56,7 @@ class RimTest:
         return closest, stays
 
     def _misses(self, points: Floats, direction: Floats, reach: Floats, expected: Floats) -> Floats:
-        """Return the distance (n,) between the closest points of moved points and ``expected`` (n, 3), over ``reach``.
+        """Return the distance (n,) of the closest point of each moved point from ``expected`` (n, 3), over ``reach``.
 
         ``points`` (n, 3) are moved by ``reach`` (n,) along ``direction`` (n, 3).
         """
@@ -167,7 +167,7 @@ def _shortest_edges(vertices: Floats, cells: Ints, chosen: Ints) -> tuple[Ints, 
 def weld_rim_corners(vertices: Floats, cells: Ints, spacing: float) -> Ints:
     """Return the triangles (n, 3) with coincident border vertices welded where two open edges run between such places.
 
-    Several vertices may have been moved to one corner of a rim. They coincide up to .002 of the lattice's ``spacing``.
+    Several vertices may have been moved to one corner of a rim. Coincident means up to .002 times the ``spacing``.
     """
     from scipy.spatial import cKDTree
 

@@ -1,4 +1,4 @@
-"""Segments on a curve that is known by closest points alone: the trace from the first lattice that leaves no defect."""
+"""Segments on a curve that is known by closest points alone: traces from several lattices, until one has no defect."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cpmkit.meshing.contouring.curve_graph import CurveGraph, near_chords, trace
 from cpmkit.runtime.index_sets import connected_components
 from cpmkit.types import Floats, Ints
 
-#: Steps of a trace in spacings of the form's, and the shift of the cells whose closest points it starts from, in
-#: spacings. They are tried in turn until no defect is left.
+#: The steps of traces, in spacings of the form, and the shifts, in spacings, of the lattice cells from whose closest
+#: points traces start. They are tried in turn until no defect is left.
 LATTICES = ((0.5, 0.1723), (0.3, 0.1723), (0.2, 0.4142), (0.12, 0.3371), (0.05, 0.0911))
 
 
@@ -39,7 +39,7 @@ def contour_curve(source: LocalSource, spacing: float) -> tuple[Mesh, TraceDefec
     """Return segments on a curve, and their defects; vertices lie at its ends, corners and junctions.
 
     Raises ResolutionError if the first trace has no piece as large as half a spacing.
-    ``source``: a curve (m = 1) in the plane or in space. Its tangents are not used.
+    ``source``: a curve in the plane or in space. Its tangents are not used.
     ``spacing``: spacing h of the form's lattice.
     """
     best = None
@@ -120,7 +120,7 @@ def _distances_from_chords(
     """Return the distance (n,) of ``points`` (n, d) from the nearest chord; infinity if none may be within ``reach``.
 
     ``starts``, ``stops`` (c, d): the ends of the chords.
-    ``owners`` ((n,) int64, (c,) int64): the segment of each point and chord: chords of a point's own do not count.
+    ``owners`` ((n,) int64, (c,) int64): the segment of each point and chord: chords of its own segment do not count.
     ``height`` (c,) or float: subtracted from the distances of each chord, which has an arc above it.
     """
     row, chord, distance, _ = near_chords(points, starts, stops, reach)

@@ -19,7 +19,7 @@ from cpmkit.meshing.contouring.dual_vertices import dual_triangles, dual_vertice
 from cpmkit.meshing.contouring.edge_crossings import edge_crossings
 from cpmkit.types import Floats, Ints
 
-#: Contouring's lattices: spacing in spacings of the form's, and shift in spacings of their own. They are tried in turn
+#: The lattices of contouring: spacings, in those of the form, and shifts, in their own spacings. They are tried in turn
 #: until no defect is left. The shifts avoid planes of symmetry and of boxes.
 LATTICES = (
     (0.5, (0.3717, 0.4203, 0.4411)),
@@ -43,7 +43,7 @@ class SurfaceReport:
     defects: MeshDefects  #: Defects that are left after repair.
     missed: Floats  #: (k, 3): points of the surface far from all triangles: components too small for the lattice.
     isolated_components: int = 0  #: Components of hardly any area that were left out.
-    slight_creases: bool = False  #: Whether there are creases that turn by less than those of meshes.
+    slight_creases: bool = False  #: Whether creases turn by less than ``creases.CREASE_DEGREES``.
 
     @property
     def severity(self) -> int:
@@ -52,7 +52,7 @@ class SurfaceReport:
 
 
 def contour_surface(source: LocalSource, spacing: float) -> tuple[Mesh, SurfaceReport]:
-    """Return a triangulation of a surface in space with vertices on it, border vertices on its rims, and a report.
+    """Return a triangulation of a surface in space, with vertices on the surface and its rims, and a report.
 
     Dual contouring of unsigned distances: edges of a lattice are intersected with the surface, the crossings of each
     cell are grouped by whether they are connected on the surface in the cell, and each group becomes a vertex.
@@ -79,7 +79,8 @@ def _contour_from_lattice(
 ) -> tuple[Mesh, SurfaceReport]:
     """Return the repaired triangulation from one lattice, and its report.
 
-    Its spacing is ``relative_spacing`` times the form's ``spacing``, its shift ``offsets`` (3,) in its own spacings.
+    The lattice has ``relative_spacing`` times the form's ``spacing``, and is shifted by ``offsets`` (3,) spacings of
+    its own.
     Raises ResolutionError if no triangle results.
     """
     fine = relative_spacing * spacing

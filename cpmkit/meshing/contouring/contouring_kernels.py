@@ -16,8 +16,8 @@ def unite_flat(
     """Unite crossings of one cell whose chord is flat (``dual_vertices.chord_is_flat``), in the forest ``group`` (k,).
 
     Entry i of ``member`` and ``group`` is a crossing of a cell; entries of cell c start at ``start[c]``, and end before
-    ``start[c + 1]``. Afterwards ``group[i]`` is the root of the set of entry i. ``points`` and ``normals`` (n, 3) are
-    those of crossings; ``sine``, ``cosine`` and ``error`` are the tolerances of a flat chord.
+    ``start[c + 1]``. Afterwards ``group[i]`` is the root of the set of entry i. Crossings have ``points`` and
+    ``normals`` (n, 3); ``sine``, ``cosine`` and ``error`` are the tolerances of a flat chord.
     """
     for cell in range(len(start) - 1):
         for i in range(start[cell], start[cell + 1]):
@@ -49,7 +49,8 @@ def unite(first: Ints, second: Ints, group: Ints) -> None:
 def nearest_pairs(start: Ints, member: Ints, points: Floats, group: Ints, pairs: Ints) -> int:
     """Fill ``pairs`` (p, 2) with the nearest two entries of any two groups in one cell, and return the number of pairs.
 
-    Arguments as in :func:`unite_flat`; ``group`` contains the roots. With ``pairs`` (0, 2) they are only counted.
+    Arguments are as in :func:`unite_flat`; ``group`` contains the roots. If ``pairs`` is (0, 2), pairs are only
+    counted.
     """
     count = 0
     for cell in range(len(start) - 1):

@@ -23,7 +23,7 @@ class CurveGraph:
 
     vertices: Floats  #: (v, d): points of the curve.
     segments: Ints  #: (s, 2): the vertices at the ends of each segment.
-    midpoints_on_curve: Floats  #: (s, d): the closest points on the curve of the middles of the segments.
+    midpoints_on_curve: Floats  #: (s, d): the closest points on the curve of the midpoints of the segments.
     ends: Ints  #: (k,): the vertices at which the curve is known to end.
 
 
@@ -61,7 +61,7 @@ def project_midpoints(source: LocalSource, vertices: Floats, segments: Ints) -> 
 
 
 def split_at_vertices(source: LocalSource, graph: CurveGraph, reach: float) -> CurveGraph:
-    """Return the graph with segments split at vertices of others that are within ``reach`` of them."""
+    """Return the graph with segments split at vertices of other segments within ``reach``."""
     a, b = graph.vertices[graph.segments].transpose(1, 0, 2)
     vertex, segment, distance, share = near_chords(graph.vertices, a, b, reach)
     length = norms(b - a)[segment]
@@ -74,12 +74,12 @@ def split_at_vertices(source: LocalSource, graph: CurveGraph, reach: float) -> C
 
 
 def _refine_junctions(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
-    """Return the graph with vertices of three segments or more moved to where the tangents of its strands meet.
+    """Return the graph with junctions (vertices of three segments or more) moved to where tangents of strands meet.
 
-    The first place of a junction is off by the curvature of the strands. The tangent of a strand is the secant of two
-    closest points ahead of the junction, nearer in later rounds. The new place has the least sum of squared distances
-    from the tangents. A junction stays if the tangents are nearly parallel, or if it would move by more than a step.
-    Junctions that become one are moved again, with the strands of both.
+    The first place of a junction has an error due to the curvature of the strands, the parts of the curve that meet
+    there. The tangent of a strand is the secant of two closest points ahead of the junction, nearer in later rounds.
+    The new place has the least sum of squared distances from the tangents. A junction stays if the tangents are nearly
+    parallel, or if it would move by more than a step. Junctions that become one are moved again with all their strands.
     """
     ends = np.concatenate([graph.segments, graph.segments[:, ::-1]])
     junctions = np.flatnonzero(np.bincount(ends[:, 0]) > 2)
@@ -109,7 +109,7 @@ def _refine_junctions(source: LocalSource, graph: CurveGraph, step: float) -> Cu
 
 
 def add_corners(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
-    """Return the graph with segments that cut a corner off halved where the tangents at their ends meet.
+    """Return the graph with each segment that cuts off a corner halved where the tangents at its ends meet.
 
     A corner turns by more than 20 degrees. ``step`` is the step of the trace, to which tolerances refer.
     """
@@ -137,10 +137,10 @@ def add_corners(source: LocalSource, graph: CurveGraph, step: float) -> CurveGra
 
 
 def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
-    """Return the graph with a common vertex where two segments cross that are not linked, see :func:`_are_linked`.
+    """Return the graph with a common vertex where two segments cross that are not linked (:func:`_are_linked`).
 
-    The prolonged parts of :func:`_graph_of_trace` are left out; ``ends`` become the loose ends at which the curve ends.
-    ``step`` is the step of the trace, to which tolerances refer.
+    The vertices that :func:`_graph_of_trace` moved beyond junctions are removed; ``ends`` of the result are those
+    vertices of one segment at which the curve ends. ``step`` is the step of the trace, to which tolerances refer.
     """
     i, j, points = _self_crossings(source, graph, step)
     vertices = np.concatenate([graph.vertices, points])
@@ -167,12 +167,12 @@ def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> C
 
 
 def _distinct(segments: Ints) -> Ints:
-    """Return segments (s, 2) sorted, each once, without those from a vertex to itself."""
+    """Return the distinct ``segments`` (s, 2), sorted, without segments from a vertex to itself."""
     return np.unique(np.sort(segments[segments[:, 0] != segments[:, 1]], axis=1), axis=0)
 
 
 def _self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> tuple[Ints, Ints, Floats]:
-    """Return the pairs (k,), (k,) of segments that cross, but are not linked or parallel, and the crossings (k, d)."""
+    """Return pairs (k,), (k,) of segments that cross and are neither linked nor parallel, and the crossings (k, d)."""
     from scipy.spatial import KDTree
 
     a, b = graph.vertices[graph.segments].transpose(1, 0, 2)
@@ -215,7 +215,7 @@ def _are_linked(graph: CurveGraph, pairs: Ints) -> Bools:
 
 
 def nearest_on_chords(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[Floats, Floats]:
-    """Return the points (n, d) of two chords, from a to b and from c to d, that are nearest to each other."""
+    """Return the points (n, d), (n, d) of two chords, from a to b and from c to d, that are nearest to each other."""
     u, v, w = b - a, d - c, a - c
     uu, uv, vv, uw, vw = dots(u, u), dots(u, v), dots(v, v), dots(u, w), dots(v, w)
     with np.errstate(all="ignore"):
@@ -232,8 +232,8 @@ def _meeting_points(
     """Return points (n, d) of the curve where strands through p and q (n, d) meet, and their errors (n,).
 
     The tangents of both strands, of unit directions (n, d), are intersected, and the result is projected onto the
-    curve. The error is the larger of the distance between the tangents and that of the projection. No two tangents
-    may be parallel.
+    curve. The error is the larger of the distance between the tangents and the distance of the projection. Tangents
+    must not be parallel.
     """
     closest = source.closest_point(np.concatenate([p, q])).points
     p, q = closest[: len(p)], closest[len(p) :]
@@ -266,10 +266,10 @@ def _merge_into_junctions(vertices: Floats, is_junction: Bools, reach: float) ->
 
 
 def near_chords(points: Floats, starts: Floats, stops: Floats, reach: float) -> tuple[Ints, Ints, Floats, Floats]:
-    """Return the pairs of points (n, d) and chords that may be within ``reach``, with their distances.
+    """Return all pairs of points (n, d) and chords that may be within ``reach``, with their distances.
 
-    Chords lead from ``starts`` to ``stops`` (c, d). Returned are the row (p,) of each point, the number (p,) of the
-    chord, the distance (p,) and the share (p,) of the chord at which it is nearest.
+    Chords lead from ``starts`` to ``stops`` (c, d). For each pair are returned the row (p,) of the point, the number
+    (p,) of the chord, the distance (p,), and the share (p,) of the chord's length at which its nearest point lies.
     """
     from scipy.spatial import KDTree
 

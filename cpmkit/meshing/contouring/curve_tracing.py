@@ -13,9 +13,9 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: A step that moves by less than this share of a full step does not count.
 LEAST_STEP = 0.5
-#: After a corner a curve continues where it is farther than this share of a step from its part before the corner.
+#: After a corner a curve continues at points farther than this share of a step from its part before the corner.
 LEAST_TURN = 0.2
-#: Points of a trace nearer to a step's end than this share of a step are met by it.
+#: A step meets points of a trace that are nearer to its end than this share of the step.
 MET_SHARE = 0.7
 
 
@@ -66,7 +66,7 @@ class CurveTracer:
         return cls(source, step, no_points, no_points, no_numbers, no_numbers)
 
     def trace_all(self, seeds: Floats) -> None:
-        """Trace all pieces of the curve through ``seeds`` (n, d), points of it, into the fields of the tracer."""
+        """Trace all pieces of the curve that contain one of its points ``seeds`` (n, d), into the tracer's fields."""
         from scipy.spatial import KDTree
 
         while len(seeds):
@@ -91,7 +91,7 @@ class CurveTracer:
             ends = self._advance(self._choose_targets(ends))
 
     def _advance(self, ends: OpenEnds) -> OpenEnds:
-        """Step open ends to their targets, or to points met there; record points, and return the ends that go on."""
+        """Step open ends to their targets, or to points met there; record points, and return the ends that continue."""
         last, target, turned = ends.last, ends.target, ends.turned
         direction = unit(target - self.points[last])
         bend = norms(direction - ends.heading)
@@ -120,8 +120,9 @@ class CurveTracer:
     def _met_points(self, last: Ints, target: Floats, direction: Floats, bend: Floats, turned: Bools) -> Ints:
         """Return the number (f,) of the first traced point met by the step from ``last`` to ``target``, -1 for none.
 
-        The trace must have the step's ``direction`` (f, d) there, unless the step follows a corner (``turned``).
-        ``bend`` (f,) is the change of direction at the step. Points within six steps along the same trace do not count.
+        The trace must have the step's ``direction`` (f, d) at that point, unless the step follows a corner
+        (``turned``). ``bend`` (f,) is the change of direction at the step. Points within six steps along the same trace
+        do not count.
         """
         from scipy.spatial import KDTree
 
@@ -160,7 +161,7 @@ class CurveTracer:
     def _met_ends(self, last: Ints, target: Floats, direction: Floats, bend: Floats, turned: Bools) -> Ints:
         """Return for each open end the number (f,) of an earlier end whose step ends beside its own, -1 for none.
 
-        Arguments are as in :meth:`_met_points`. An earlier end may be returned for several, and itself has -1.
+        Arguments are as in :meth:`_met_points`. Several ends may have the same earlier end, which has -1 itself.
         """
         from scipy.spatial import KDTree
 
@@ -175,7 +176,7 @@ class CurveTracer:
         return partner
 
     def _choose_targets(self, ends: OpenEnds) -> OpenEnds:
-        """Return the ends that go on, with new targets; corners and ends of the curve are recorded in the fields."""
+        """Return the ends that continue, with new targets; corners and ends of the curve are recorded in the fields."""
         here, heading, last = self.points[ends.last], ends.heading, ends.last.copy()
         target = self.source.closest_point(here + self.step * heading).points
         way = target - here
@@ -215,14 +216,14 @@ class CurveTracer:
     def _points_around(self, here: Floats) -> tuple[Floats, Bools]:
         """Return closest points (k, c, d) of the ends of steps from ``here`` (k, d) in c = 3^d - 1 directions.
 
-        The mask (k, c) returned with them marks those between ``LEAST_STEP`` and 1.05 steps away from ``here``.
+        The mask (k, c) is True for closest points between ``LEAST_STEP`` and 1.05 steps away from ``here``.
         """
         directions = unit(np.array([d for d in product((-1.0, 0.0, 1.0), repeat=self.source.dim) if any(d)]))
         closest, found = self._closest_near(here, here[:, None] + self.step * directions, 1.05)
         return closest, found & (norms(closest - here[:, None]) > LEAST_STEP * self.step)
 
     def _closest_near(self, here: Floats, targets: Floats, steps: float) -> tuple[Floats, Bools]:
-        """Return the closest points of ``targets`` (k, c, d), and which are within so many steps of ``here`` (k, d)."""
+        """Return the closest points of ``targets`` (k, c, d), and whether they are within ``steps`` of ``here``."""
         closest = self.source.closest_point(targets.reshape(-1, targets.shape[2])).points.reshape(targets.shape)
         return closest, norms(closest - here[:, None]) < steps * self.step
 

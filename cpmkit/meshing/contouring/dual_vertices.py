@@ -15,18 +15,18 @@ from cpmkit.meshing.contouring.edge_crossings import Crossings
 from cpmkit.meshing.sharp_creases import LEAST_SINGULAR_SHARE, Faces, points_on_creases, shows_slight_creases
 from cpmkit.types import Bools, Floats, Ints
 
-#: A chord is flat if its sine with the tangent spaces at its ends is at most this: arcs up to about 10 degrees.
+#: A chord is flat if the sines of its angles with the tangent planes at its ends are at most this (arcs to 10 degrees),
 FLAT_SINE = 0.1
-#: And if the normals at its ends have at least this cosine.
+#: and if the cosine of the angle between the normals at its ends is at least this.
 FLAT_COSINE = 0.8
-#: Points between two sheets that meet in a crease lie on the surface up to this share of their chord.
+#: At a crease, points that should lie on the surface are off it by at most this share of their chord.
 CREASE_DISTANCE = 0.1
 
 
 def chord_is_flat(a: Floats, b: Floats, normal_a: Floats, normal_b: Floats, position_error: float) -> Bools:
     """Return which chords (n,) from ``a`` to ``b`` (n, 3) nearly lie in the tangent planes at both ends.
 
-    The normals (n, 3) must agree up to sign; zero stands for an unknown one. Ends are known up to ``position_error``.
+    The normals (n, 3) must agree up to sign; an unknown normal is zero. Ends have an error up to ``position_error``.
     """
     chord = b - a
     sine = 0.5 * (np.abs(dots(chord, normal_a)) + np.abs(dots(chord, normal_b)))
@@ -44,12 +44,12 @@ def connected_on_surface(
     position_error: float,
     box: tuple[Floats, Floats],
 ) -> Bools:
-    """Return which pairs (n,) of points ``a`` and ``b`` (n, 3) of a surface are connected along it inside boxes.
+    """Return whether each pair (n,) of points ``a`` and ``b`` (n, 3) of a surface is connected along it inside a box.
 
-    They are if the chord is flat, or if a crease of the surface between them passes the box; a crease that passes it by
-    connects them in another box. Otherwise the chord is bisected: the closest point of its midpoint replaces one end,
-    so that the half that is not flat, or the longer half, is left. They are connected if the gap shrinks to zero;
-    between two sheets it does not.
+    The points are connected if the chord is flat, or if a crease of the surface between them intersects the box; if the
+    crease passes outside, they are connected in another box. Otherwise the chord is bisected: the closest point of its
+    midpoint replaces one end, so that the half that is not flat, or the longer half, is left. The points are connected
+    if the length of the chord shrinks to zero; between two sheets it does not.
 
     ``normal_a``, ``normal_b`` (n, 3): unit normals at ``a`` and ``b``, of either sign.
     ``position_error``: the length up to which the points are known.
@@ -94,8 +94,8 @@ def _connected_over_crease(
 ) -> tuple[Bools, Floats]:
     """Return whether (n,) the tangent planes at ``a`` and ``b`` (n, 3) meet in a crease, and points (n, 3) of creases.
 
-    The point of the planes' common line nearest to the chord's middle must lie on the surface, and so must the middles
-    of the two chords from it to ``a`` and ``b``. The points are of use only where the planes meet so.
+    The point of the planes' common line nearest to the chord's midpoint must lie on the surface, and so must the
+    midpoints of the two chords from it to ``a`` and ``b``. Where there is no crease the points have no meaning.
     """
     connected = np.zeros(len(a), dtype=bool)
     middle, length, cosine = 0.5 * (a + b), norms(b - a), dots(normal_a, normal_b)
@@ -134,16 +134,17 @@ def _line_meets_box(point: Floats, along: Floats, low: Floats, high: Floats) -> 
 
 #: Eigenvalues of a sum of projections below this share of the largest one are noise: their directions are not used.
 LEAST_EIGENVALUE = 0.12
-#: A slight crease is sought where the common point of planes is off the surface by at most this share of its height.
+#: A slight crease is sought if the common point of planes is nearer to the surface than this share of its height above
+#: the crossings.
 PLANES_SHARE = 0.4
 
 
 def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings) -> tuple[Floats, Floats, Ints, bool]:
     """Return vertices (v, 3) on the surface, unit normals (v, 3) there of either sign, and quadrilaterals (c, 4).
 
-    Last comes whether there are slight creases (:attr:`LocalSource.slight_creases`). Each group of crossings of one
-    cell's edges that are connected on the surface in the cell has one vertex. Each crossing has a quadrilateral: the
-    vertices, in cyclic order, in the four cells around its lattice edge.
+    The last result is whether there are slight creases (:attr:`LocalSource.slight_creases`). Each group of crossings of
+    one cell's edges that are connected on the surface in the cell has one vertex. Each crossing has a quadrilateral:
+    the vertices, in cyclic order, in the four cells around its lattice edge.
     """
     strides = nodes.codes.strides
     u, v = strides[(crossings.axis + 1) % 3], strides[(crossings.axis + 2) % 3]
@@ -162,7 +163,7 @@ def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings
 def _connected_groups(
     source: LocalSource, nodes: LatticeNodes, crossings: Crossings, start: Ints, member: Ints, cells: Ints
 ) -> Ints:
-    """Return the group (k,) of each entry: entries of one cell whose crossings are connected in it have one group.
+    """Return the group (k,) of each entry, the same for entries of one cell whose crossings are connected in the cell.
 
     An entry is a pair of a cell and a crossing of one of its edges; a group is named by one of its entries.
     ``start`` (cells + 1,): the first entry of each cell, and the number of entries.
@@ -179,7 +180,7 @@ def _connected_groups(
     pairs = np.empty((nearest_pairs(start, member, points, group, pairs), 2), dtype=np.int64)
     nearest_pairs(start, member, points, group, pairs)
     i, j = member[pairs].T
-    margin = 0.02 * nodes.spacing  # creases on a cell's faces connect what the cell holds
+    margin = 0.02 * nodes.spacing  # creases on a cell's faces connect crossings of the cell
     low = (nodes.position_of(nodes.codes.decode(cells)) - margin)[pairs[:, 0]]
     box = low, low + (nodes.spacing + 2 * margin)
     connected = connected_on_surface(source, points[i], points[j], normals[i], normals[j], position_error, box)
@@ -192,9 +193,9 @@ def _least_squares_vertices(
 ) -> tuple[Floats, Floats, bool]:
     """Return points (v, 3) nearest to the tangent planes of the crossings of each group, and unit normals (v, 3).
 
-    Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
-    their cell by more than a tenth of its side are clipped. Points of cells through which a crease passes that turns
-    too little for this are on the crease; last comes whether there are any. Normals have either sign.
+    Least squares are relative to the mean of the crossings; along eigenvectors of small eigenvalues points stay at the
+    mean. Points that leave their cell by more than a tenth of its side are clipped. In cells with a slight crease
+    points are moved onto the crease; the last result is whether there are any. Normals have either sign.
     ``cells`` (v,): the code of the cell of each group.
     ``member``, ``piece`` (k,): pairs of a crossing and its group; a crossing has four, one for each cell around it.
     """
@@ -220,7 +221,7 @@ def _least_squares_vertices(
     slight = np.flatnonzero(~used[:, 1] & (values[:, 1] >= LEAST_SINGULAR_SHARE**2 * values[:, 2]))
     on_crease = np.zeros(len(vertex), dtype=bool)
     if len(slight) and shows_slight_creases(source, np.array([nodes.spacing])):
-        # The planes at a smooth surface meet twice as high above the crossings as the surface is; at a crease, on it.
+        # planes at a smooth surface meet at twice its height above the crossings; planes at a crease meet on the crease
         common = (centre + step)[slight] + axes[slight, :, 1] * (part[slight, 1] / values[slight, 1])[:, None]
         height = np.abs(dots(common - centre[slight], normals[slight]))
         slight = slight[source.closest_point(common).distance < PLANES_SHARE * height]
@@ -234,8 +235,8 @@ def _least_squares_vertices(
 def dual_triangles(source: LocalSource, points: Floats, normals: Floats, around: Ints) -> Ints:
     """Return the triangles (m, 3), of any orientation, into which the quadrilaterals ``around`` (c, 4) are split.
 
-    ``points``, ``normals`` (v, 3) are those of the vertices. Quadrilaterals are split along the diagonal whose midpoint
-    is nearer to the surface, planar ones along the shorter; doubled ones are left out (:func:`_without_doubles`).
+    ``points``, ``normals`` (v, 3) are those of the vertices. A quadrilateral is split along the diagonal whose midpoint
+    is nearer to the surface, if planar along the shorter. Doubled ones are left out (:func:`_without_doubles`).
     """
     quads = _without_doubles(around)
     corners, normals = points[quads], normals[quads]
@@ -254,8 +255,8 @@ def dual_triangles(source: LocalSource, points: Floats, normals: Floats, around:
 def _without_doubles(quads: Ints) -> Ints:
     """Return the quadrilaterals (q, 4), with at most one of several on the same four vertices.
 
-    Two on the same vertices enclose a part thinner than a cell, and are left out. One is kept if their number is odd,
-    and where another sheet ends at their edges, since that sheet would be cut off.
+    Two quadrilaterals on the same vertices enclose a part thinner than a cell, and are left out. One is kept if their
+    number is odd, or if another sheet ends at their edges, which would be cut off otherwise.
     """
     ordered = np.sort(quads, axis=1)
     _, first, same, count = np.unique(ordered, axis=0, return_index=True, return_inverse=True, return_counts=True)

@@ -18,15 +18,15 @@ from cpmkit.meshing.contouring.contour_nodes import (
 )
 from cpmkit.types import Bools, Floats, Ints
 
-#: From points this near to the surface, in lengths of the ray, a crossing is found by the tangent plane of the closest
-#: point.
+#: At points nearer to the surface than this, in lengths of the ray, the crossing is that with the tangent plane at the
+#: closest point.
 NEAR_SHARE = 0.02
-#: Such a crossing lies at most this far along the ray, in lengths of the ray. Crossings within this distance of an end
-#: of a ray are found from that end alone, so that none is found twice.
+#: Such a crossing is at most this far ahead, in lengths of the ray. Crossings nearer than this to an end of a ray are
+#: found from that end alone, so that none is found twice.
 END_SHARE = 0.05
-#: Both are larger where closest points are noisy: then ``NEAR_SHARE`` is this many times the noise.
+#: For noisy closest points both are larger: the first is at least so many times the noise.
 NEAR_NOISES = 5.0
-#: Rays that meet the surface at a sine below this graze it: such crossings are dropped.
+#: A ray grazes the surface if the sine of their angle is below this: such crossings are dropped.
 GRAZING_SINE = 0.02
 #: Crossings of one edge found from both ends are at least this share of it apart if they are two.
 APART_SHARE = 0.1
@@ -47,9 +47,9 @@ class Crossings:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Distance and normal of the surface as seen from n points."""
+    """Distances of n points from the surface, and normals there."""
 
-    distance: Floats  #: (n,)
+    distance: Floats  #: (n,): the distances.
     normal: Floats  #: (n, 3): the unit vector from the closest point to the point.
     interior: Bools  #: (n,): whether the closest point lies off rims.
 
@@ -83,8 +83,8 @@ def _ranges(source: LocalSource, length: float) -> tuple[float, float]:
 def edge_crossings(source: LocalSource, nodes: LatticeNodes) -> Crossings:
     """Return the points at which edges between ``nodes`` cross the surface, with unit normals of the surface there.
 
-    Where the surface is planar, an edge crosses its plane; other edges are marched from one end, where needed from the
-    other too. Edges that leave two lattice faces or more with an odd number of crossings are sphere traced again.
+    Where the surface is planar, an edge is intersected with its plane; other edges are marched from one end, if needed
+    from the other too. An edge of two lattice faces or more with an odd number of crossings is sphere traced again.
     """
     tail, head, axis = _candidate_edges(nodes, 2 * NEAR_NOISES * source.noise)
     s, near_share = nodes.spacing, _ranges(source, nodes.spacing)[0]
@@ -133,8 +133,7 @@ def edge_crossings(source: LocalSource, nodes: LatticeNodes) -> Crossings:
 def _candidate_edges(nodes: LatticeNodes, uncertainty: float) -> tuple[Ints, Ints, Ints]:
     """Return the tail, the head and the axis, each (c,), of the lattice edges that may cross the surface.
 
-    The distances at the ends of such an edge add up to its length at most; each is known up to half the
-    ``uncertainty``.
+    The distances of the ends of such an edge from the surface sum to at most its length, plus the ``uncertainty``.
     """
     tails, heads, axes = [], [], []
     for axis, stride in enumerate(nodes.codes.strides):
@@ -152,9 +151,9 @@ def _cross_plane(
 ) -> tuple[Floats, Floats]:
     """Return the positions (n,) at which edges cross a nearly planar piece of the surface, and the normals (n, 3).
 
-    The ends of each edge lie on both sides of the piece; positions are lengths from the tail.
-    The root of the Hermite cubic of the signed distance between the ends is corrected by one query beside it. The
-    position is NaN where that query contradicts the plane.
+    The ends of each edge lie on both sides of the piece; positions are lengths from the tail. The position is the root
+    of the Hermite cubic of the signed distance along the edge, corrected by one query near it. It is NaN if that query
+    contradicts the plane.
     """
     s, (near_share, end_share) = nodes.spacing, _ranges(source, nodes.spacing)
     d0, d1 = nodes.distance[tail] / s, -nodes.distance[head] / s
@@ -204,13 +203,13 @@ def _first_hits(
 ) -> tuple[Floats, Floats]:
     """Return the length (n,) at which each ray first meets the surface, and the unit normal (n, 3) there.
 
-    The normal points back along the ray. The length is NaN, the normal zero, where a ray meets nothing up to its stop.
-    Crossings do not count where the ray grazes the surface or the closest point is on a rim, nor, unless found in the
-    first round, within ``END_SHARE`` of a start that is near the surface. A step goes to the tangent plane of the
+    The normal points back along the ray. The length is NaN, the normal zero, if a ray meets nothing up to its stop.
+    Crossings do not count where the ray grazes the surface or the closest point is on a rim. Near a start that is near
+    the surface (``END_SHARE``) only crossings found in the first round count. A step goes to the tangent plane of the
     closest point (Newton) as long as the distance falls and the normal hardly changes; else over the empty sphere
     around the last safe point (sphere tracing), by at least 6 % of ``length``, which may skip a crossing.
 
-    ``start``, ``along`` (n, 3): starts and unit directions of the rays. ``length``: that to which tolerances refer.
+    ``start``, ``along`` (n, 3): starts and unit directions of rays. ``length``: the length to which tolerances refer.
     ``first``: observations at the starts. ``stop`` (n,): lengths of the rays.
     ``newton``: whether Newton's steps are tried. They may miss a sheet where two sheets cross.
     """
@@ -266,7 +265,7 @@ def _predicts_head(nodes: LatticeNodes, head: Ints, along: Floats, t: Floats, no
 
 
 def _single_in_odd_faces(nodes: LatticeNodes, tail: Ints, axis: Ints, t: Floats) -> Bools:
-    """Return which edges cross the surface once, and have two lattice faces or more with an odd number of crossings.
+    """Return whether (n,) each edge crosses the surface, and two lattice faces or more there are crossed oddly often.
 
     A closed sheet crosses the border of a face an even number of times. Faces with closest points on rims do not count.
     ``t`` (n,) is the length to the crossing of each edge, NaN without one.

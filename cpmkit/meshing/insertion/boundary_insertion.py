@@ -51,10 +51,11 @@ def insert_boundaries(
 ) -> Insertion:
     """Return the mesh with boundaries as facets: curves as edges of triangles, points of a curve as vertices.
 
-    Points on a surface become ``point_vertices``. Vertices that are inserted lie on the original flat cells.
+    Boundaries that are points on a surface become ``point_vertices``. New vertices lie on the original flat cells.
     ``mesh``: valid, flat, not cut. Its facets may have any number of cells. ``spacing``: spacing h of the lattice.
     ``boundaries``: relative to the same origin: curves and points on a surface, points on a curve.
-    ``movable``: whether vertices of curves are moved onto these later: near vertices may then become some of a curve.
+    ``movable``: whether vertices of curves are moved onto the curves later; then vertices of the mesh near a curve may
+        become vertices of the curve.
     """
     if not boundaries:
         return Insertion(mesh)
@@ -127,7 +128,7 @@ def _simplified_curves(
 
 
 def _overlapping_boundaries(polylines: Sequence[Sequence[InsertionPolyline]]) -> frozenset[tuple[int, int]]:
-    """Return pairs (later, earlier) of boundaries: two consecutive points of the later one lie on the earlier one."""
+    """Return pairs (later, earlier) of boundaries: two consecutive points of the later lie on the earlier boundary."""
     pairs = set()
     for number, lines in enumerate(polylines):
         for line in lines:
@@ -173,7 +174,7 @@ def _cut_curve_at_points(mesh: Mesh, boundaries: Sequence[LocalSource]) -> Inser
 def _insert_into_segments(vertices: Floats, cells: Ints, point: Floats) -> tuple[Floats, Ints, int]:
     """Return the vertices and segments with a vertex at the closest point of ``point`` (d,), and the vertex's number.
 
-    It is an old vertex if that is within ``SNAP_SHARE`` lengths of the segment from the closest point.
+    An old vertex is returned if it is within ``SNAP_SHARE`` lengths of the segment from the closest point.
     """
     start, way = vertices[cells[:, 0]], vertices[cells[:, 1]] - vertices[cells[:, 0]]
     share = nearest_shares(point - start, way)

@@ -1,4 +1,4 @@
-"""A triangulation with edges on boundaries, into which points of boundaries are inserted."""
+"""A triangulation some of whose edges lie on boundaries, into which points of boundaries are inserted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cpmkit.meshing.insertion.split_triangulation import (
 
 #: A point nearer than this, in local edge lengths L, to a vertex or an edge is put there.
 SNAP_SHARE = 1e-3
-#: The same where vertices are moved onto their curves later; ends of curves are not moved.
+#: The same if vertices are moved onto their curves later; ends of curves are not moved.
 MOVABLE_SNAP_SHARE = 0.02
 #: The same for vertices and edges of other boundaries.
 OTHER_SNAP_SHARE = 1e-7
@@ -41,7 +41,7 @@ class BoundaryEdge(NamedTuple):
 
 @dataclass(eq=False)
 class ConstrainedTriangulation:
-    """A triangulation, the edges of it that lie on boundaries, and the options for inserting a point."""
+    """A triangulation, its edges on boundaries, and the state of the insertion."""
 
     triangulation: SplitTriangulation
     snap_share: float = SNAP_SHARE  #: A point nearer than this, in L, to a vertex or an edge is put there.
@@ -53,9 +53,9 @@ class ConstrainedTriangulation:
     owners_at: dict[int, set[int]] = field(default_factory=dict)  #: The numbers of the boundaries at each vertex.
 
     def insert_point(self, root: int, place: Vector) -> int:
-        """Return the vertex at a point ``place`` of the original triangle ``root``, a new vertex unless one is near.
+        """Return the vertex at a point ``place`` of the original triangle ``root``: a near old vertex, or a new vertex.
 
-        A point near an edge splits that edge; ``SNAP_SHARE`` and the constants after it say what is near.
+        A point near an edge splits that edge. Near means within ``SNAP_SHARE`` and the constants after it.
         """
         net = self.triangulation
         cell = self._containing_part(root, place)
@@ -86,9 +86,9 @@ class ConstrainedTriangulation:
         return min(depths)
 
     def insert_on_boundary(self, root: int, place: Vector, owner: int) -> int | None:
-        """Return the vertex on boundary ``owner`` nearest to a point of the original triangle ``root``.
+        """Return the vertex on boundary ``owner`` nearest to the point ``place`` of the original triangle ``root``.
 
-        The vertex is inserted if need be; None if the boundary is not within .1 local edge lengths of the point.
+        The vertex is inserted if need be. None if the boundary is not within .1 local edge lengths of the point.
         """
         net, size = self.triangulation, self.triangulation.sizes[root]
         gaps = {}
@@ -117,7 +117,7 @@ class ConstrainedTriangulation:
         return SNAP_SHARE if self.at_end else self.snap_share
 
     def insert_on_edge(self, a: int, b: int, share: float, size: float) -> int:
-        """Return the vertex at ``share`` of the way from a to b: a or b if that is near, else a new one.
+        """Return the vertex at ``share`` of the way from a to b: a or b if near, else a new vertex.
 
         ``size`` is the local edge length L. A new vertex splits the edge, and the boundary edge on it.
         """
@@ -138,14 +138,14 @@ class ConstrainedTriangulation:
         return new
 
     def constrain_path(self, path: list[int], owner: int, beyond_tip: bool = False) -> None:
-        """Put the edges of a path, in the boundary's direction, on boundary ``owner``; edges on another stay there."""
+        """Put the edges of a path, in the boundary's direction, on boundary ``owner``, unless they are on another."""
         for a, b in pairwise(path):
             self.edges.setdefault(edge_key(a, b), BoundaryEdge(a, b, owner, beyond_tip))
             for vertex in (a, b):
                 self.owners_at.setdefault(vertex, set()).add(owner)
 
     def edges_within(self, cells: list[int], place: Vector, reach: float) -> set[Edge]:
-        """Return the edges within the length ``reach`` of a point, found from ``cells`` by crossing such edges."""
+        """Return the edges within the length ``reach`` of a point, by a search from ``cells`` across such edges."""
         net = self.triangulation
         waiting, seen, edges = list(cells), set(cells), set[Edge]()
         while waiting:

@@ -1,4 +1,4 @@
-"""Tips: the ends of curves inside a surface. Stray tips are joined or pruned, true ones extended."""
+"""Tips, the ends of curves inside a surface: stray tips are joined or pruned, and true tips are extended."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from cpmkit.meshing.insertion.split_triangulation import (
 )
 from cpmkit.meshing.insertion.surface_paths import PathFinder
 
-#: Tips nearer than this share of the local edge length L to a curve or rim are joined to it; shorter tails are pruned.
+#: Tips nearer than this share of the local edge length L to a curve or rim are joined to it; tails (parts of a curve
+#: between a tip and another curve) shorter than this are pruned.
 STRAY_SHARE = 0.1
 
 Links = dict[int, set[int]]
@@ -63,7 +64,7 @@ def _boundary_links(finder: PathFinder) -> Links:
 
 
 def _last_edge(finder: PathFinder, tip: int) -> BoundaryEdge | None:
-    """Return the boundary edge that ends at a tip; None where by now not just one is there."""
+    """Return the boundary edge that ends at a tip; None if there is no longer exactly one."""
     edges = (edge_key(tip, other) for other in finder.triangulation.neighbours(tip))
     lines = [finder.constrained.edges[edge] for edge in edges if edge in finder.constrained.edges]
     return lines[0] if len(lines) == 1 else None
@@ -77,7 +78,7 @@ def _tips(finder: PathFinder, links: Links) -> list[int]:
 def _tail(finder: PathFinder, links: Links, tip: int, limit: float) -> tuple[int | None, list[int]]:
     """Return the vertex where the curve that ends at ``tip`` meets others or ends, and the path from the tip to it.
 
-    The vertex is None if the path is longer than ``limit``: then it ends with the first vertex beyond.
+    The vertex is None if the path is longer than ``limit``; the path then ends with the first vertex beyond the limit.
     """
     path, left = [tip], limit
     while True:
@@ -94,7 +95,7 @@ def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
     """Join a tip to the nearest curve or rim within ``STRAY_SHARE`` by boundary edges; return whether it did."""
     net, constrained, here = finder.triangulation, finder.constrained, finder.triangulation.position(tip)
     reach = STRAY_SHARE * net.size(tip)
-    own_end = set(_tail(finder, links, tip, 3.0 * reach)[1])  # a tip is not joined to its own curve that near to it
+    own_end = set(_tail(finder, links, tip, 3.0 * reach)[1])  # a tip is not joined to the end of its own curve
     best, nearest = None, reach
     for a, b in constrained.edges_within(net.fan(tip), here, reach):
         if not own_end & {a, b} and (edge_key(a, b) in constrained.edges or net.is_rim_edge(a, b)):
@@ -131,7 +132,7 @@ def _tip_direction(finder: PathFinder, links: Links, tip: int) -> Vector:
 def _straight_path(finder: PathFinder, tip: int, heading: Vector, reach: float) -> list[int]:
     """Return the vertices of the straight path over the surface from a tip in direction ``heading``.
 
-    It is ``reach`` long, or ends at a rim, a curve or itself; vertices are inserted where it crosses edges.
+    The path is ``reach`` long, or ends where it meets a rim, a curve or itself; it has vertices where it crosses edges.
     """
     net, constrained, path, left = finder.triangulation, finder.constrained, [tip], reach
     while True:

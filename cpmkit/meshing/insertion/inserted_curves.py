@@ -1,4 +1,4 @@
-"""Insertion of a curve as edges of a surface's triangles: polyline, parts on the surface, and paths through them."""
+"""Insertion of a curve as edges of a surface's triangles: its polyline, the parts on the surface, and edge paths."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def refine_curve(
 ) -> InsertionPolyline:
     """Return the polyline of a curve with points no farther apart than twice the local edge length of the triangles.
 
-    Where it nearly coincides with an ``earlier`` polyline, it has a point beside each point of that.
+    Where the curve nearly coincides with an ``earlier`` polyline, it has a point beside each point of that polyline.
     ``on`` (n,): the earlier boundary on which each point of ``curve.loop`` lies, -1 for none. A new point lies on a
         boundary if both neighbours do.
     """
@@ -82,8 +82,8 @@ def refine_curve(
 def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPolyline]) -> tuple[Floats, Ints]:
     """Return points (k, 3) of a segment with ``ends`` (2, 3), and their partners (k, 2), points of an earlier polyline.
 
-    If the ``partners`` (2, 2) of the ends follow each other in its simplified curve, each of its points between them is
-    the partner of a point of the segment, at the same share of the length; else there are none.
+    If the ``partners`` (2, 2) of the two ends are consecutive points of the earlier simplified curve, each point of its
+    polyline between them becomes the partner of a point of the segment at the same share of the length; else k = 0.
     """
     none = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
     number = int(partners[0, 0])
@@ -110,10 +110,10 @@ def parts_on_surface(
 ) -> list[tuple[Projections, bool]]:
     """Return the parts of a curve that lie on the surface, cut off where they pass its rim.
 
-    Each part comes with whether it is closed, and then continues from its last point to the first. The number of the
-    curve's point is -1 where a part passes a rim.
-    ``search``: search over the roots. ``matched``: one projection of each point.
-    ``points`` (n, 3): points of the curve; ``closed``: whether it is closed.
+    With each part comes whether it is closed, so that it continues from its last point to the first. ``point`` of the
+    projections, the number of the curve's point, is -1 where a part passes a rim.
+    ``search``: search over the original triangles. ``matched``: one projection of each point.
+    ``points`` (n, 3): points of the curve; ``closed``: whether the curve is closed.
     """
     off = _are_past_rim(_rim_offsets(triangulation, points, matched), closed)
     if not off.any():
@@ -135,7 +135,7 @@ def parts_on_surface(
 def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections: Projections) -> Floats:
     """Return the distance (n,) of each point past a rim, along the surface, in local edge lengths.
 
-    It is 0 for points before a rim, and for points higher above the surface than far past its rim.
+    The distance is 0 for points before a rim, and for points whose height above the surface exceeds it.
     """
     corners = triangulation.original.vertices[triangulation.original.cells[projections.cell]]
     off = points - projections.positions(triangulation)
@@ -158,7 +158,8 @@ def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections:
 def _are_past_rim(offsets: Floats, closed: bool) -> Bools:
     """Return which points (n,) lie past a rim, given their ``offsets`` (n,) from :func:`_rim_offsets`.
 
-    A stretch within .15 local edge lengths of the rim between two points on it, or a whole curve so near, does not.
+    Points within .15 local edge lengths of the rim do not count if the stretch of such points starts and ends on the
+    rim, or is the whole curve.
     """
     off = offsets > PAST_RIM_SHARE
     start = int((~off).argmax()) if closed else 0
@@ -197,7 +198,7 @@ def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[st
     matched = match_to_surface(net, line.points, finder.search.candidates(line.points))
     for run, closed in parts_on_surface(net, finder.search, line.points, matched, line.closed):
         waypoints = _insert_waypoints(finder, run, closed, line)
-        # Projections go back between some vertices while the curve, off the surface there, continues.
+        # vertices between which projections go back while the curve, off the surface there, continues
         known = (run.point[1:] >= 0) & (run.point[:-1] >= 0)
         ahead = dots(np.diff(line.points[run.point], axis=0), np.diff(run.positions(net), axis=0))
         backward = {waypoints[row + k].vertex for row in np.flatnonzero(known & (ahead < 0)).tolist() for k in (0, 1)}
@@ -220,7 +221,7 @@ class Waypoint(NamedTuple):
 
 
 def _insert_waypoints(finder: PathFinder, run: Projections, closed: bool, line: InsertionPolyline) -> list[Waypoint]:
-    """Return the vertices at the projections of a part ``run`` of a curve; ``finder.inserted`` records them."""
+    """Insert vertices at the projections ``run`` of a part of a curve, record them in ``finder``, and return them."""
     waypoints = []
     places = run.positions(finder.triangulation).tolist()
     for k, (point, cell, (x, y, z)) in enumerate(zip(run.point, run.cell.tolist(), places, strict=True)):

@@ -1,7 +1,7 @@
-"""Curves that coincide or nearly do: points that lie on another boundary, and points placed beside each other.
+"""Curves that coincide, or nearly: points that lie on another boundary, and points placed side by side.
 
 Each curve is a polyline with vertices of its own. Where two curves are nearer to each other than a chord is to its arc,
-their polylines would cross, and the zone between them would be cut up. Chords between points side by side are parallel.
+their polylines would cross many times. Chords between points that are placed side by side are parallel instead.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ LEAST_STEP_SHARE = 1e-3
 def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[LocalSource], spacing: float) -> Ints:
     """Return the number (n,) of the earlier boundary on which each point of a curve lies, -1 for none.
 
-    Points lie on a boundary where their distance vanishes, if two do at least (one alone is a crossing); and where the
-    curve stays within .02 spacings and changes sides three times or more: there it is the same with other vertices.
+    Points lie on a boundary if at least two of them have distance zero (a single point is a crossing), or where the
+    curve stays within .02 spacings and changes sides three times or more: it is then the same curve with other
+    vertices.
 
     ``points`` (n, d): consecutive points of the ``curve``.
     ``earlier``: boundaries inserted before; of several on which a point lies, the last counts.
@@ -36,7 +37,7 @@ def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[Lo
     numbers = np.full(len(points), -1)
     share = np.arange(SEGMENT_POINTS)[:, None] / SEGMENT_POINTS
     between = (points[:-1, None] + share * np.diff(points, axis=0)[:, None]).reshape(-1, points.shape[1])
-    places: Floats | None = None  # on the curve itself: a chord may cross what lies beside its arc
+    places: Floats | None = None  # points of the curve itself: a chord may cross a boundary beside its arc
     for number in _near_boundary_numbers(points, earlier, spacing):
         if places is None:
             places = curve.closest_point(np.concatenate([between, points[-1:]])).points
@@ -48,11 +49,11 @@ def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[Lo
 
 
 def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
-    """Return which places (n,) of a polyline lie on stretches that cross another, near curve three times or more.
+    """Return whether each place (n,) of a polyline lies on a stretch that crosses another, near curve 3 times or more.
 
     ``off`` (n, d): vectors from the other curve to the places, ``SEGMENT_POINTS`` on each chord, and the last point.
-    ``chords`` (m, d): chords of the polyline: offsets turn with these around a corner. ``reach``: a length, below which
-    an offset is near.
+    ``chords`` (m, d): chords of the polyline; offsets turn with the chords around a corner. ``reach``: the length below
+    which an offset is near.
     """
     is_close = norms(off) < reach
     stretch = np.cumsum(np.diff(is_close, prepend=is_close[:1]))
@@ -64,7 +65,7 @@ def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
 
 
 def _rotate_with_chords(vectors: Floats, start: Floats, end: Floats) -> Floats:
-    """Return ``vectors`` (n, 3) after the smallest rotation of unit ``start`` to unit ``end`` (n, 3), not opposite."""
+    """Return ``vectors`` (n, 3) after the smallest rotation of unit vectors ``start`` to ``end`` (n, 3)."""
     axis, cosine = np.cross(start, end), dots(start, end)
     once = np.cross(axis, vectors)
     return np.asarray(vectors + once + np.cross(axis, once) / np.maximum(1 + cosine, 1e-9)[:, None])
@@ -128,10 +129,7 @@ class SimplifiedCurve:
         return in_three_dimensions(self.source.closest_point(coordinates).points)
 
     def places(self, points: Floats) -> Floats:
-        """Return the place (k,) along the polyline of its point nearest to each of ``points`` (k, 3).
-
-        A place is counted in segments from the start.
-        """
+        """Return the place (k,), in segments from the start, of the polyline's point nearest to each of ``points``."""
         loop = self.loop
         start, way = loop[:-1], np.diff(loop, axis=0)
         places = np.empty(len(points))
@@ -176,9 +174,9 @@ def align_close_curves(
 ) -> list[SimplifiedCurve]:
     """Return the curves with points beside each other where they nearly coincide, nearer than .05 spacings.
 
-    An earlier curve gets a point beside each end and corner of later ones. A later curve gets the closest points of the
-    points of earlier ones in place of its own. Where two cross and separate, both keep their points.
-    ``coincident`` of (int, int): numbers of a curve and of a boundary on which it lies in places: these are left out.
+    An earlier curve gets a point beside each end and corner of later curves. In a later curve the closest points of the
+    earlier curve's points replace its own. Where two curves cross and separate, both keep their points. ``coincident``
+    (int, int): pairs, left out here, of the numbers of a curve and of a boundary on which it lies in places.
     """
     aligned = list(curves)
     pairs = [
@@ -224,7 +222,7 @@ def _align_with_earlier(late: SimplifiedCurve, early: SimplifiedCurve, number: i
     dropped, taken = np.zeros(len(late.points), dtype=bool), np.zeros(len(projected), dtype=bool)
     for rows in _stretches(close, early.closed):
         changes_sides = bool((dots(off[rows[1:]], off[rows[:-1]]) < 0).any())
-        if changes_sides and not close.all():  # it crosses the earlier curve and goes away
+        if changes_sides and not close.all():  # the curves cross and separate
             continue
         taken[rows] = True
         lengths = norms(np.diff(early.points[rows], axis=0))
@@ -255,8 +253,8 @@ def _stretches(close: Bools, closed: bool) -> Iterator[Ints]:
 def _points_between(curve: SimplifiedCurve, start: float, end: float, length: float) -> Bools:
     """Return which points (n,) of a curve lie between two places, counted in segments from its start.
 
-    A closed curve has two ways between the places; the shorter way counts. No point does if that way is longer than
-    twice the ``length`` of the other curve there: the curves are not parallel.
+    On a closed curve the shorter of the two ways between the places counts. If that way is longer than twice the
+    ``length`` of the other curve there, the curves are not parallel, and no point is returned.
     """
     number, low, high = np.arange(len(curve.points)), min(start, end), max(start, end)
     between = number[(number > low) & (number < high)]

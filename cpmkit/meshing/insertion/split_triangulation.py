@@ -1,6 +1,6 @@
-"""A triangulation that can be split at points and edges; the cost of a split does not depend on its size.
+"""A triangulation whose triangles can be split at points and edges, at a cost that does not depend on their number.
 
-Positions are tuples of three numbers: paths handle one vertex at a time, where arrays are slow.
+Positions are tuples of three numbers, since arrays are slow for single vertices.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def edge_key(a: int, b: int) -> Edge:
 
 @dataclass(eq=False)
 class SplitTriangulation:
-    """A triangulation that is being split. The original triangles are the *roots* of the parts they are split into."""
+    """A triangulation that is being split. An original triangle is the *root* of the triangles that it contains."""
 
     original: Mesh  #: The original triangles, with vertices in space.
     longest: float  #: An upper bound of :meth:`size`.
@@ -124,7 +124,7 @@ class SplitTriangulation:
         return corners
 
     def fan(self, vertex: int) -> list[int]:
-        """Return the triangles at a vertex, in no order: the list itself, which splits change and callers must not."""
+        """Return the triangles at a vertex, in no order: the internal list, which callers must not change."""
         fan = self._fans.get(vertex)
         if fan is None:
             start, roots = self._roots_of_vertices
@@ -226,7 +226,7 @@ class SplitTriangulation:
         return new
 
     def refine_path(self, path: list[int]) -> list[int]:
-        """Return a path over edges, with vertices added at which these have been split since the path was made."""
+        """Return a path over edges, with the vertices at which its edges have been split since."""
         refined = path[:1]
         for goal in path[1:]:
             waiting = [goal]
@@ -272,7 +272,7 @@ class SplitTriangulation:
     ) -> dict[int, tuple[float, int]]:
         """Return the length of the shortest path over edges to each vertex, and the vertex before it (Dijkstra).
 
-        Vertices out of reach are left out; before a start stands the start itself.
+        Vertices out of reach are left out. The vertex before a start is the start itself.
         ``start``: the vertices where paths may start, and the length with which a path starts at each.
         ``limit``: largest length of a path. ``goal``: a vertex at which the search stops; farther ones are left out.
         ``neighbours``: returns the vertices to which paths lead from a vertex; by default over all edges.

@@ -1,4 +1,4 @@
-"""Polylines of curves, matched to a surface: the projection of each point onto the sheet that the curve follows."""
+"""Polylines of curves matched to a surface: each point is projected onto the sheet that the curve follows."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ class ProjectionSearch:
         return self._nearest_centroid(points)[0]
 
     def _nearest_centroid(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return the local edge length (n,) of the triangle with the nearest centroid, and the distance (n,) of that.
+        """Return the local edge length (n,) of the triangle with the nearest centroid, and its distance (n,).
 
-        The distance of the centroid is an upper bound of the distance from the triangles.
+        This distance is an upper bound of the distance from the triangles.
         """
         nearest, size = np.full(len(points), np.inf), np.zeros(len(points))
         for _, cells, tree in self._size_classes:
@@ -136,15 +136,16 @@ def barycentric_position(triangulation: SplitTriangulation, root: int, shares: F
 def match_to_surface(triangulation: SplitTriangulation, points: Floats, candidates: Projections) -> Projections:
     """Return one of the ``candidates`` for each of consecutive ``points`` (n, 3), so that the curve stays on its sheet.
 
-    Each point must have one (:meth:`ProjectionSearch.candidates`). The total cost is least. Each projection costs its
-    distance. Each step between triangles without a common vertex costs path - 1.5 (chord + L), at least 0 and at most
-    6 L; path is the shortest over edges, L the edge length there.
+    The sequence has the least total cost. Each projection costs its distance. Each step between triangles without a
+    common vertex costs path - 1.5 (chord + L), at least 0 and at most 6 L, where path is the length of the shortest
+    path over edges and L the local edge length. Candidates are those of :meth:`ProjectionSearch.candidates`, at least
+    one per point.
     """
     first = np.flatnonzero(np.diff(candidates.point, prepend=-1))
     counts = np.diff(np.append(first, len(candidates.point)))
     several = np.flatnonzero(counts > 1)
     pick = first.copy()
-    # What lies between two points of one candidate each is decided separately.
+    # runs of points between two points with a single candidate are decided separately
     for run in np.split(several, np.flatnonzero(np.diff(several) > 1) + 1) if len(several) else []:
         rows = range(max(run[0] - 1, 0), min(run[-1] + 2, len(points)))
         stages = [np.arange(first[i], first[i] + counts[i]) for i in rows]
@@ -177,7 +178,7 @@ def _step_costs(
 ) -> dict[int, float]:
     """Return the cost of the step from candidate ``row`` to each candidate of the next point, the rows ``there``.
 
-    See :func:`match_to_surface`; the step between triangles with a common vertex is free.
+    For costs see :func:`match_to_surface`; a step between triangles with a common vertex costs nothing.
     """
     corners = set(triangulation.original.cells[candidates.cell[row]].tolist())
     costs = {int(b): 0.0 for b in there}
@@ -198,7 +199,7 @@ def _step_costs(
 
 
 def polylines_of_source(source: LocalSource, length: float) -> list[Polyline] | None:
-    """Return polylines from the curve's own mesh for the edge ``length``, refined; None without a mesh of segments."""
+    """Return the refined polylines of the curve's own mesh for the edge ``length``; None without a mesh of segments."""
     if not isinstance(source.source, HasMesh):
         return None
     vertices, cells = source.source.mesh(length)
@@ -209,10 +210,10 @@ def polylines_of_source(source: LocalSource, length: float) -> list[Polyline] | 
 
 
 def refine_polyline(source: LocalSource, line: Polyline, length: float) -> Polyline:
-    """Return a polyline with chords halved at points of the curve until their middles are within .002 ``length`` of it.
+    """Return a polyline with chords halved at points of the curve until midpoints are within .002 ``length`` of it.
 
-    A closest point farther than .3 chords from the middle is on another branch, and does not count. A chord is halved
-    up to twelve times, and may then leave the curve by more.
+    A closest point farther than .3 chords from the midpoint is on another branch, and does not count. A chord is halved
+    up to twelve times, after which it may deviate by more.
     """
     points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
     fresh = np.ones(len(points) - 1, dtype=bool)

@@ -1,4 +1,4 @@
-"""Paths over a triangulation from vertex to vertex, which become edges by splitting; removal of short loops."""
+"""Paths over a triangulation from vertex to vertex, made of edges by splitting triangles; removal of short loops."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from cpmkit.meshing.insertion.surface_matching import ProjectionSearch, barycent
 
 
 class FanExit(NamedTuple):
-    """The exit of a plane through a vertex from the triangles around it: at ``share`` of the way from vertex a to b.
+    """The point where a plane through a vertex leaves the triangles around it: at ``share`` of the way from a to b.
 
     ``ahead`` is the cosine between the direction to this point and the heading, times the length of the heading.
     """
@@ -63,8 +63,8 @@ class PathFinder:
         """Return the vertices of a path over edges from v to w, both included; None if no path is short enough.
 
         The path is as straight as possible: in the plane of the mean normal of its ends, else through the projection of
-        its middle, else in the plane of the normal at v or at w; triangles that it crosses are split. Failing these it
-        is the shortest path over existing edges, of at most 6 times the distance plus 12 local edge lengths.
+        its midpoint, else in the plane of the normal at v or at w; triangles that it crosses are split. If none of
+        these exists, it is the shortest path over edges, of at most 6 times the distance plus 12 local edge lengths.
         """
         path, net = self._bisected_path(v, w, 4), self.triangulation
         if path is None:
@@ -73,9 +73,9 @@ class PathFinder:
         return path or net.shortest_path(v, w, longest)
 
     def _bisected_path(self, v: int, w: int, bisections: int) -> list[int] | None:
-        """Return the path in the plane of the mean normal, else two paths that meet at the projection of the middle.
+        """Return the path in the plane of the mean normal, else two paths that meet at the projection of the midpoint.
 
-        The middle is inserted at most ``bisections`` times in succession; None if no path is found.
+        Such midpoints are inserted at up to ``bisections`` nested levels; None if no path is found.
         """
         if v == w:
             return [v]
@@ -98,7 +98,7 @@ class PathFinder:
         return self.constrained.insert_point(root, barycentric_position(self.triangulation, root, nearest.shares[0]))
 
     def _planar_path(self, v: int, w: int, normal: Vector) -> list[int] | None:
-        """Return the path from v to w in planes of ``normal`` and the direction to w; None at a rim or for a detour."""
+        """Return the path from v to w in planes of ``normal`` and the direction to w; None at a rim or if too long."""
         net, goal = self.triangulation, self.triangulation.position(w)
         left = self._detour_length(v, w)
         path = [v]
@@ -125,8 +125,8 @@ class PathFinder:
     def _exit_vertex(self, here: int, fan_exit: FanExit, goal: int) -> int:
         """Return the vertex at which a path from ``here`` to ``goal`` leaves the triangles around ``here``.
 
-        It is snapped to a vertex near by like any other point, but with the tolerance of ends of curves where the
-        path would otherwise lead along a rim although ``here`` or ``goal`` lies inside.
+        The point is snapped to near vertices as any other point, but with the tolerance for ends of curves if the path
+        would otherwise lead along a rim although ``here`` or ``goal`` lies inside.
         """
         net, constrained = self.triangulation, self.constrained
         place = fan_exit.a, fan_exit.b, fan_exit.share, net.size(here)
@@ -144,7 +144,7 @@ class PathFinder:
     def leave_fan(self, vertex: int, heading: Vector, normal: Vector) -> FanExit | None:
         """Return the exit of the plane of ``heading`` and ``normal`` at a vertex from the triangles around it.
 
-        Of several exits it is the one farthest ahead; None if there is none ahead. The vectors may have any length.
+        Of several exits the one farthest ahead is returned; None if none is ahead. The vectors may have any length.
         """
         net, here, across = self.triangulation, self.triangulation.position(vertex), cross(normal, heading)
         best: FanExit | None = None
@@ -206,7 +206,7 @@ def erase_short_loops(triangulation: SplitTriangulation, path: list[int], backwa
     """
     path = _erase_inner_loops(triangulation, path, backward)
     if len(path) > 2 and path[0] == path[-1]:
-        half = len(path) // 2  # loops through the start of a closed path lie inside it when it starts elsewhere
+        half = len(path) // 2  # loops through the start of a closed path are found when the path starts elsewhere
         path = _erase_inner_loops(triangulation, path[half:] + path[1 : half + 1], backward)
     return path
 
@@ -220,7 +220,7 @@ def _erase_inner_loops(triangulation: SplitTriangulation, path: list[int], backw
             continue
         length = lengths[-1] + distance(triangulation.position(simple[-1]), triangulation.position(vertex))
         before = place.get(vertex)
-        # From twice the local edge length on a loop is a part of the curve, from four times where projections go back.
+        # longer loops, than twice the local edge length or four times where projections go back, are parts of the curve
         factor = 2.0 if before is None or backward.isdisjoint(simple[before:]) else 4.0
         if before is not None and length - lengths[before] < factor * triangulation.size(vertex):
             for erased in simple[before + 1 :]:

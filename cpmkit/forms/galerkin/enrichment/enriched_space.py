@@ -1,7 +1,6 @@
 """Splines and singular functions together: u = sum_j c_j N_j + sum_k s_k psi_k, with the unknowns s_k behind the c_j.
 
-The stabilisation, derivatives along normals and differences of coefficients, concerns the splines alone: psi_k is
-constant along normals.
+The stabilisation penalises the splines alone, since psi_k is constant along normals.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ class EnrichedSpace(FunctionSpace):
     # Evaluation
 
     def singular_rows(self, points: Floats, cells: Ints) -> SparseMatrix:
-        """Return the values (k, m) of the psi at ``points`` (k, d), which lie in the mesh ``cells`` (k,)."""
+        """Return the values (k, m) of the functions psi at ``points`` (k, d) in the mesh ``cells`` (k,)."""
         return self._columns([function.values(points, cells) for function in self.functions], len(points))
 
     def singular_derivative_rows(self, points: Floats, cells: Ints, directions: Floats) -> SparseMatrix:

@@ -3,8 +3,7 @@
     psi = (1 - r^2 / R^2)^3 r^|k| sin(k t + p),   R the radius of the disc around the tip.
 
 With zero flux on both sides k = 1/2 and p = 0, with values on both k = 1/2 and p = pi/2; with a value on one side alone
-|k| = 1/4 and 3/4, and psi vanishes on that side. These are the leading terms of u at a tip whose gradient is not
-bounded.
+|k| = 1/4 and 3/4, and psi vanishes on that side. These are the terms of u at a tip that have unbounded gradients.
 """
 
 from __future__ import annotations
@@ -27,10 +26,11 @@ from cpmkit.scene.junction import JunctionLaw
 from cpmkit.scene.laws import Interface, Value
 from cpmkit.types import Bools, Floats, Ints
 
-#: The disc ends where the cosine of the angle between the normals there and at the tip is below this: at 37 degrees.
-#: Normals are those of triangles higher than the first share of their longest edge, and so many spacings from the tip.
+#: A disc ends where normals differ from that at the tip by more than 37 degrees (a cosine below the first number). Only
+#: triangles count that are higher than the second number times their longest edge, and farther from the tip than so
+#: many spacings.
 LEAST_COSINE, FLAT_TRIANGLE_SHARE, AT_TIP_SPACINGS = 0.8, 0.05, 0.1
-#: The disc ends where the boundary deviates from its parabola by more than this share of the distance from the tip. The
+#: A disc ends where the boundary deviates from its parabola by more than this share of the distance from the tip. The
 #: parabola is fitted to the boundary within so many spacings of the tip.
 PARABOLA_SHARE, PARABOLA_SPACINGS = 0.2, 2.0
 #: The radius of a disc as a share of the distance at which it ends.
@@ -39,7 +39,7 @@ RADIUS_SHARE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class TipDisc:
-    """A disc around a tip; X points beyond the tip, and the boundary is ``Y = curvature X^2 / 2`` where X < 0."""
+    """A disc around a tip, with tangential coordinates X and Y; the boundary is ``Y = curvature X^2 / 2``, X < 0."""
 
     origin: Floats  #: (d,): the tip.
     #: heading, leftward (d,): orthonormal, tangent to the surface: the axes of X and Y.
@@ -125,7 +125,7 @@ class TipDiscFinder:
         return axes_at_tip(mesh.vertices[tip], behind, self.spacing, lambda heading: np.cross(normal, heading))
 
     def _is_tilted(self, frame: TipDisc) -> Bools:
-        """Return (m,) whether each cell is tilted against a tip's tangent plane; slivers and cells at it are not."""
+        """Return whether (m,) each cell is tilted against a tip's tangent plane; False for slivers and at the tip."""
         corners = self.mesh.vertices[self.mesh.cells]
         doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         longest = norms(corners - corners[:, [1, 2, 0]]).max(axis=1)
@@ -190,7 +190,7 @@ WAVES: dict[tuple[bool, bool], tuple[tuple[float, float], ...]] = {
 }
 #: Nearer to a tip than this share of its disc's radius the gradient at that distance is used.
 LEAST_DISTANCE_SHARE = 1e-9
-#: A disc with a radius of fewer spacings contains too few splines to distinguish its function from them.
+#: Least radius of a disc in spacings: a smaller disc has too few splines to distinguish psi from these.
 LEAST_RADIUS_SPACINGS = 1.0
 #: Kinds of condition on a side at a tip: the flux is given, the value is given, or u and its flux are continuous.
 FLUX, VALUE, THROUGH = range(3)

@@ -1,8 +1,8 @@
 """Truncated hierarchical splines as a function space: finer splines where the solution needs them.
 
 The splines of level l are built over the samples of the region of level l and of a halo: the patches of level l - 1
-that share an unknown with a patch of that region. So it has all patches that read an unknown of the region, and
-nodes have the same unknowns as if the whole manifold were subdivided.
+that share an unknown with a patch of that region. Thus the level has all patches that read an unknown of the region,
+and nodes have the same unknowns as if the whole manifold were subdivided.
 
 An active spline of a coarse level is on a finer level a sum of finer splines, by the two-scale relation; truncation
 removes from the sum those that are candidates of the finer level. With c the coefficients of the active splines,
@@ -15,8 +15,8 @@ has on each level.
 
 A patch of level l, magnified by 2^l about a fixed point of the lattice, lies on a lattice of spacing h as the patches
 of level 0 do. All levels together, each magnified, form one space of splines like any other; its N unknowns are the
-splines of each level that the patches of that level read, one level after another. The representation R (N, n) gives
-their coefficients from those of the n active splines.
+splines of each level that the patches of that level read, one level after another. The representation R (N, n) maps
+the coefficients of the n active splines to these N coefficients.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ class LevelSplines:
 
     @property
     def candidates(self) -> Bools:
-        """(n,) whether all patches that read a spline lie in the region of this level."""
+        """(n,) whether a spline is a candidate: all patches that read it lie in the region of this level."""
         return ~self.is_read_by(~self.inside)
 
     @property
     def active(self) -> Bools:
-        """(n,) whether a spline is a candidate that a patch outside the region of the next level reads."""
+        """(n,) whether a spline is active: a candidate that a patch outside the region of the next level reads."""
         return self.candidates & self.is_read_by(~self.subdivided)
 
     def is_read_by(self, patches: Bools) -> Bools:
@@ -77,7 +77,7 @@ class LevelSplines:
 
 
 def level_splines(first: DofMap, points: Floats, corners: Any, cell: Any, regions: Regions) -> list[LevelSplines]:
-    """Return the splines of all levels; ``regions`` are the subdivided cells.
+    """Return the splines of all levels, where ``regions`` are the subdivided cells.
 
     ``first`` is the dof map of level 0, over all samples; ``points`` (q, d) are the samples, relative to the lattice's
     origin, and ``cell`` (q,) int32 their mesh cells. ``corners`` (m, k) int: the vertices of the cells after cutting.
@@ -135,9 +135,9 @@ def representations(levels: Sequence[LevelSplines], cap: int) -> list[SparseMatr
 def prolongation_to_level(levels: Sequence[LevelSplines], cap: int, coarser: SparseMatrix) -> SparseMatrix:
     """Return the prolongation from the space with the finest level ``cap - 1`` to that with the finest level ``cap``.
 
-    It is (m, n) for m and n active splines. ``coarser`` is the last of the :func:`representations` of the former space.
-    Truncated splines keep their coefficients on finer levels; the coefficients of the splines of level ``cap`` follow
-    from the two-scale relation.
+    The result is (m, n) for m and n active splines. ``coarser`` is the last of the :func:`representations` of the
+    coarser space. Truncated splines have the same coefficients on finer levels; those of level ``cap`` follow from the
+    two-scale relation.
     """
     before = [level.candidates if number == cap - 1 else level.active for number, level in enumerate(levels[:cap])]
     stays = np.concatenate([level.active[candidates] for level, candidates in zip(levels[:cap], before, strict=True)])
@@ -243,7 +243,7 @@ class RefinedSpace(FunctionSpace):
         return (rows @ self.representation).tocsr()
 
     def gradient_load(self, values: Floats) -> Floats:
-        """Raise a SceneError: a weak divergence depends on the spacing of the solution that it is computed from."""
+        """Raise a SceneError: a weak divergence depends on the spacing, of which refined splines have several."""
         raise SceneError("refine='auto' takes no divergence as a right-hand side; use refine='off'.")
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Where splines are finer: lattice cells that are subdivided into two along every axis; meshes graded by their size.
+"""Regions of finer splines: lattice cells that are halved along every axis; and meshes graded by the cells' sizes.
 
 Level l has the spacing h_l = h / 2^l; its cells are those of level l - 1, each subdivided along every axis. The cell of
 a point depends on its position alone, so that the mesh of the manifold may be made anew for each set of regions.
@@ -18,7 +18,7 @@ from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import halve_long_edges
 from cpmkit.types import Bools, Floats, Ints
 
-#: Bits of a cell's code for its place along an axis, and the place that counts as zero: half their range.
+#: Bits of a cell's code for its place along an axis; place 0 is stored as half of their range.
 BITS = 21
 HALF = 1 << (BITS - 1)
 
@@ -45,8 +45,8 @@ class Regions:
     def levels_at(self, points: Floats, around: float = 0.0) -> Ints:
         """Return (q,) the finest level of the splines at or around each of the ``points`` (q, d).
 
-        Points are relative to the lattice's origin. Around means displaced along all axes, with any signs, by the share
-        ``around`` of the spacing of the level before; with 0 the point alone counts.
+        Points are relative to the lattice's origin. Around a point means at the corners of a box, displaced from the
+        point along all axes by the share ``around`` of the spacing of the coarser level.
         """
         level_of_point, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
         signs = 2 * np.indices((2,) * self.dim).reshape(self.dim, -1).T - 1 if around else np.zeros((1, self.dim))
@@ -103,15 +103,15 @@ def with_neighbours(cells: Ints) -> Ints:
     return cells_of_codes(np.unique(codes), dim)
 
 
-#: Edges near a tip are no longer than this share of their distance from it, but may be as long as so many spacings: one
-#: such edge holds 1/1000 of the energy within a spacing.
+#: Edges near a tip are no longer than this share of their distance from the tip, but need not be shorter than so many
+#: spacings: one such edge has 1/1000 of the energy within a spacing.
 LONGEST_EDGE_SHARE, LEAST_EDGE_SPACINGS = 0.5, 1e-3
 
 
 def grade_mesh(mesh: Mesh, regions: Regions, spacings: float) -> Mesh:
     """Return flat triangles whose edges are at most ``spacings`` times as long as the spacing of the splines there.
 
-    Longer edges are halved, and so is the longest edge of each triangle with a halved edge, so that no needles arise.
+    Longer edges are halved, and the longest edge of each triangle with a halved edge too, so that no needles arise.
     """
     first = regions.subdivided[0] if regions.finest else np.zeros(0, dtype=np.int64)
     near_codes = codes_of_cells(with_neighbours(cells_of_codes(first, regions.dim)))
@@ -175,7 +175,7 @@ def graded_samples(
 def _samples_of_level(
     mesh: Mesh, chosen: Ints, regions: Regions, level: int, sampling: str, geometry: CellGeometry
 ) -> Samples:
-    """Return the samples of the triangles ``chosen`` (k,), which are clipped, if at all, at the level's knot planes."""
+    """Return the samples of the triangles ``chosen`` (k,), clipped, if ``sampling`` says so, at the level's planes."""
     shift = shift_of(regions.spacing, level)
     midpoints = None if mesh.midpoints is None else mesh.midpoints[chosen] + shift
     shifted = replace(mesh, vertices=mesh.vertices + shift, cells=mesh.cells[chosen], midpoints=midpoints)
@@ -185,7 +185,7 @@ def _samples_of_level(
 
 
 def shift_of(spacing: float, level: Any) -> Any:
-    """Return the distance along each axis from node 0 of ``level`` (integers) to node 0 of level 0, of ``spacing``."""
+    """Return the distance along each axis from node 0 of ``level`` to node 0 of level 0, which has the ``spacing``."""
     return 0.5 * spacing * (1 - 0.5**level)
 
 

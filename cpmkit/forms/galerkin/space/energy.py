@@ -1,14 +1,14 @@
 """Matrices and loads of the splines: energies summed over samples, and the stabilisation off the manifold.
 
-The energy of u is sum w a |tangential part of grad u|^2. It does not determine the spline off the manifold. The
+The energy of u is sum w a |tangential part of grad u|^2. The energy does not determine the spline off the manifold; the
 stabilisation does: e1 a |normal derivative|^2, e2 h^2 a (n' H n)^2 with H the Hessian of u and, for cubic splines, e3
 h^4 a times the square of the third derivative along normals, summed over the same samples; and the ghost penalty, the
 sum of squared differences of the coefficients along the axes, of order degree + 1. The derivatives along normals vanish
 where u is constant along normals, the ghost penalty where u is a polynomial of the degree of the splines.
 
-Splines whose support contains almost nothing of the manifold have almost no energy. The floor is a penalty on the
-differences of their coefficients along the axes, so that no boundary term is larger than the energy. It vanishes on
-polynomials of a lower degree than the splines'; a penalty on the coefficients themselves would leave an error that
+Splines whose support contains almost nothing of the manifold have almost no energy. A further penalty, the floor, on
+the differences of their coefficients along the axes makes the energy larger than boundary terms. The floor vanishes on
+polynomials of a lower degree than the splines'; a penalty on the coefficients themselves would cause an error that
 grows with refinement and with contrasts of a.
 """
 
@@ -33,10 +33,10 @@ EVERY_SAMPLE = slice(None)
 
 #: The floor is added for unknowns whose diagonal entry over the coefficient is below this share of the median.
 LIGHT_SHARE = 1e-4
-#: The factor of the floor as a share of that median. For splines of degree 1 the matrix of a circle in a
-#: knot plane is still definite with half of the second number, and not with a tenth of it.
+#: The factor of the floor as a share of that median, for degrees 2 and 3 and for degree 1, where the matrix of a circle
+#: in a knot plane is still definite with half of this number, but not with a tenth.
 FLOOR_SHARE, LINEAR_FLOOR_SHARE = 1e-3, 0.2
-#: A part of a solid is thin if the splines there have integrals below this share of a cell: a slab up to .4 spacings.
+#: A part of a solid is thin if all splines there have integrals below this share of a cell: slabs up to .4 spacings.
 THIN_SHARE = 1 / 3
 #: The floor of thin patches over the ghost penalty. In rods of .01 spacings products of squares of the coordinates have
 #: energies below rounding; with 1e-10 some eigenvalues are still wrong.
@@ -170,10 +170,10 @@ def _sum_energy(
 def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisation, data: Floats) -> None:
     """Add the ghost penalty, with the :func:`scalar_coefficient` of ``a``, to the entries ``data`` (z,), in place.
 
-    It is g a h^(m - 2) times the sum of squared differences of order degree + 1 along the runs of the space, and of
-    order degree along its short runs: sequences of neighbouring unknowns along an axis. The manifold has dimension m.
-    In thin parts of a solid it is in proportion to the energy, by :func:`thickness_of_patches`, and `THIN_FLOOR` times
-    the full penalty of order degree is added along all lines.
+    The penalty is g a h^(m - 2) times the sum of squared differences, of order degree + 1 along the runs of the space
+    and of order degree along its short runs (sequences of neighbouring unknowns along an axis); m is the dimension of
+    the manifold. In thin parts of a solid it is multiplied by :func:`thickness_of_patches`, as the energy is in effect,
+    and `THIN_FLOOR` times the full penalty of order degree is added along all lines.
     """
     means = space.means_at_unknowns(scalar_coefficient(space, a))
     scale = stabilisation.g * space.dof_map.spacing ** (space.manifold_dim - 2)
@@ -189,9 +189,9 @@ def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisati
 
 
 def thickness_of_patches(space: SplineSpace) -> Floats:
-    """Return the largest integral (p,) of a spline that a patch of a solid reads, as a share of `THIN_SHARE` of a cell.
+    """Return for each patch (p,) of a solid the largest integral of a spline that it reads, over `THIN_SHARE` cells.
 
-    It is below 1 on thin patches, and in proportion to the thickness of a slab.
+    The result is below 1 on thin patches; in a slab it is proportional to the thickness.
     """
     integrals = load(space, np.ones((1, 1)))[:, 0] / space.dof_map.spacing**space.dof_map.dim
     return np.asarray(integrals[space.dof_map.unknowns].max(axis=1) / THIN_SHARE)
@@ -200,10 +200,10 @@ def thickness_of_patches(space: SplineSpace) -> Floats:
 def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Floats) -> None:
     """Add the floor, a penalty on differences of unknowns with little energy, to the entries ``data`` (z,), in place.
 
-    It is proportional to the :func:`scalar_coefficient` of ``a``. ``diagonal`` (n,) is that of the energy, without the
-    ghost penalty and conditions. The differences are along the lines through these unknowns inside a patch. For splines
-    of degree 1 these would penalise slopes: then the floor is on second differences along runs, and only beside
-    boundaries, since elsewhere it would only cost iterations.
+    The floor is proportional to the :func:`scalar_coefficient` of ``a``. ``diagonal`` (n,) is that of the energy,
+    without ghost penalty and conditions. Differences are taken along the lines through these unknowns inside a patch.
+    For degree 1 such differences would penalise slopes: then the floor has second differences along runs, beside
+    boundaries only, since elsewhere it would only cost iterations.
     """
     means = space.means_at_unknowns(scalar_coefficient(space, a))
     ratio = diagonal / means
@@ -222,9 +222,9 @@ def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Flo
 
 
 def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Floats) -> None:
-    """Add squared differences of order k - 1 along ``runs`` (r, k), times ``factors`` (r,), to the entries ``data``.
+    """Add squared differences of order k - 1 along ``runs`` (r, k), times ``factors`` (r,), to a matrix of the space.
 
-    Each run is k unknowns along an axis; ``data`` (z,), changed in place, are those of a matrix of the space.
+    Each run is k unknowns along an axis; ``data`` (z,), the entries of the matrix, are changed in place.
     """
     by_unknown = inverse_index(runs.ravel(), space.dof_map.size)
     matrix = space.indptr, space.indices, data
@@ -232,7 +232,7 @@ def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Float
 
 
 def scalar_coefficient(space: SplineSpace, a: Floats | float) -> Floats:
-    """Return ``a`` at samples as scalars (q,), or (1,) for a number: of tensors (q, d, d) the mean over tangents."""
+    """Return ``a`` at samples as scalars (q,), or (1,) for a number; tensors (q, d, d) become means over tangents."""
     return _as_array(a) if np.ndim(a) < 3 else mean_over_tangents(np.asarray(a), space.samples.normals)
 
 
@@ -261,8 +261,8 @@ def _spline_count_tuples(space: SplineSpace) -> tuple[tuple[int, ...], tuple[int
 def kernel_arguments(space: SplineSpace) -> tuple[Ints, float, tuple[int, ...], Any, Ints]:
     """Return the first arguments of `add_energy`: unknowns, spacing, splines, and the samples sorted by patch.
 
-    The last two are the numbers (q,) of the samples sorted by patch, and where each patch starts among them (p + 1,).
-    To compute them takes a thirtieth of an assembly; stored they would add a tenth to the memory of the samples.
+    The last two are the numbers (q,) of the samples sorted by patch, and the first sample (p + 1,) of each patch. They
+    are computed at each call, in a thirtieth of an assembly: stored, they would add a tenth to the samples' memory.
     """
     dof_map = space.dof_map
     start, order = inverse_index(dof_map.patch, len(dof_map.cells))

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 class FunctionSpace:
     """Functions u = sum_j c_j N_j on the manifold, with N_j the splines of the lattice.
 
-    The unknowns are the n coefficients c_j. In refined spaces the functions are linear combinations of the N splines in
-    :attr:`splines`: the prolongation R (N, spline_count) maps unknowns to the coefficients of these. In enriched spaces
-    further unknowns follow the c_j.
+    The unknowns are the n coefficients c_j. In refined spaces the functions are linear combinations of N other splines,
+    in :attr:`splines`: the prolongation R (N, spline_count) maps the unknowns to the coefficients of these splines. In
+    enriched spaces further unknowns follow the c_j.
     """
 
     splines: SplineSpace  #: The splines that are evaluated and integrated, with their q samples.
@@ -76,7 +76,7 @@ class FunctionSpace:
 
     @property
     def constant(self) -> Floats:
-        """The unknowns (n, 1) of the constant function 1: 1 for the splines, which sum to 1, and 0 for the others."""
+        """The unknowns (n, 1) of the constant function 1: 1 for splines, which sum to 1, and 0 for other functions."""
         return (np.arange(self.size) < self.spline_count).astype(np.float64)[:, None]
 
     def to_coefficients(self, u: Floats) -> Floats:
@@ -186,9 +186,10 @@ class FunctionSpace:
 
     @cached_property
     def projection_matrix(self) -> SparseMatrix:
-        """(n, n) M + h^2 S, positive definite, with S the stabilisation for the diffusivity 1; h_l on a level l.
+        """The positive definite matrix M + h^2 S (n, n), S the stabilisation for diffusivity 1; h is h_l on level l.
 
-        The mass matrix M alone is singular, for some splines are zero at all samples; S determines them.
+        The mass matrix M alone is singular, since some splines are zero at all samples; S determines their
+        coefficients.
         """
         return self.stabilised_mass(np.ones(1))
 
@@ -251,9 +252,9 @@ class FunctionSpace:
     def plain_levels(self) -> list[Level]:
         """The multigrid levels of coarser lattices, with prolongations: of twice the spacing, four times, and so on.
 
-        The strip of a solid in space is that of its thin parts, in blocks: values on their skin determine u but for a
-        remainder that is not smooth, which coarser levels do not approximate. Elsewhere factors would be large, and
-        iterations are the same without them.
+        The smoother solves exactly, in blocks, for the unknowns of the strip: in a solid in space those of its thin
+        parts. There, values on the skin determine u but for a remainder that is not smooth, which coarser levels do not
+        approximate. Elsewhere in a solid factors would be large without saving iterations.
         """
         if self.splines.samples.codim or self.dof_map.dim < 3:
             return coarser_levels(self.base_dof_map, self.base_dof_map.patch[self.interior :])
@@ -276,5 +277,5 @@ class FunctionSpace:
         return {"nodes": self.base_dof_map.nodes}
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return how this space differs from that of a ``saved`` solution, given by its :meth:`arrays`; "" if equal."""
+        """Return in words how this space differs from that of ``saved`` :meth:`arrays` of a solution; "" if equal."""
         return "" if np.array_equal(self.base_dof_map.nodes, saved["nodes"]) else "its nodes are others"

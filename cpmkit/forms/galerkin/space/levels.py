@@ -2,9 +2,9 @@
 
 The coarser lattice has spacing 2h and its origin at h/2, so that its knot planes are every other knot plane of the
 finer lattice: a cell lies in one coarser cell, a patch in one coarser patch. A coarser node may have several unknowns.
-A finer unknown is interpolated from the unknowns that the coarser patch reads which contains any patch that reads the
-finer unknown. The choice of the patch does not matter: the patches that read the unknown are connected by touching
-patches that read it too, so that their coarser patches touch or are equal, and all of these read the coarser node.
+To interpolate a finer unknown, any patch that reads it is chosen; the unknown is interpolated from those that the
+coarser patch containing this patch reads. The choice does not matter: all patches that read the finer unknown are
+connected by touching, so that their coarser patches touch or are equal, and read the same coarser unknowns.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, SparseMatrix]:
     cells = np.empty((count, dof_map.dim), dtype=np.int64)
     cells[label] = dof_map.cells >> 1
     touching = distinct_pairs(label[dof_map.touching[~inside]], count)
-    # Pieces with one unknown on the finer level extend over at most three cells there, and so over two coarser cells.
+    # Pieces with one unknown on the finer level extend over at most three cells there, or two coarser cells.
     isolated = isolated_patches(cells.astype(np.float64), np.arange(count), touching, count, 1.0)
     patch = label[dof_map.patch]
     coarse = dof_map_from_patches(2 * dof_map.spacing, cells, touching, patch, isolated, dof_map.degree)
@@ -75,8 +75,8 @@ def two_scale_shares(degree: int) -> Floats:
 
 #: A level of at most so many unknowns is the coarsest: its systems are solved by a factorisation.
 COARSEST_UNKNOWNS = 400
-#: Connected pieces of at most so many patches belong wholly to the strip: they have slow modes that vanish at ties, and
-#: beside rims in knot planes.
+#: Connected pieces of at most so many patches belong wholly to the strip that the smoother solves exactly: they have
+#: modes that converge slowly, which vanish at ties or occur beside rims in knot planes.
 STRIP_PATCHES = 64
 #: Coarsening ends where a level has more than this share of the unknowns of the finer level, as for isolated pieces.
 LARGEST_REMAINING_SHARE = 0.9

@@ -1,4 +1,4 @@
-"""L2 projections of data that are averaged where the spacing does not resolve them: they stay in their range."""
+"""L2 projections of data without overshoots: data that the spacing does not resolve are averaged."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from cpmkit.types import Bools, Floats
 
 #: Data have jumps or spikes if their projection differs from them by more than the first share of their range anywhere:
 #: at kinks a spacing or two apart it differs by up to .24, and means would be four times as far off (measured).
-#: They are averaged under splines that overlap with one at which it differs by more than the second share, and from
-#: there on as long as overlapping splines have coefficients outside of the range by more than the third share.
+#: They are averaged on splines that overlap with one where the difference exceeds the second share, and on further
+#: overlapping splines as long as coefficients are outside of the range by more than the third share.
 UNRESOLVED_SHARE, AVERAGED_SHARE, OVERSHOOT_SHARE = 0.25, 0.1, 0.02
 
 
 def project_in_range(space: FunctionSpace, values: Floats) -> Floats:
     """Return the unknowns (n, k) of L2 projections of ``values`` (p, k) at the samples, without overshoots.
 
-    Projections overshoot by a tenth of a jump on both sides, and below zero beside a spike. Near these the coefficients
-    are the means of the data under each spline, which keep the range and spread the data as heat does in a time of
-    (degree + 1) h^2 / 12. On each connected piece the total is that of the data: what is missing or left over is
-    added to the means, in proportion to their distances from both ends of the range.
+    Projections overshoot by a tenth of a jump on both sides, and below zero beside a spike. Near jumps and spikes the
+    coefficients are the means of the data weighted with each spline, which are in the range and spread the data as heat
+    conduction does in a time of (degree + 1) h^2 / 12. On each connected piece the difference from the total of the
+    data is added to the means, in proportion to their distances from both ends of the range.
     """
     loads = space.load(values)
     u = space.solve_projection(loads)
@@ -33,9 +33,9 @@ def project_in_range(space: FunctionSpace, values: Floats) -> Floats:
 
 
 def _averaged_near(space: FunctionSpace, load: Floats, u: Floats, is_off: Bools, ends: tuple[float, float]) -> Floats:
-    """Return the coefficients (n,) ``u`` of a projection, and means near the samples (p,) where it ``is_off``.
+    """Return the coefficients ``u`` (n,) of a projection, with means of the data near samples where it ``is_off`` (p,).
 
-    ``load`` (n,) are the integrals of the data times each spline, ``ends`` those of their range.
+    ``load`` (n,) are the integrals of the data times each spline, ``ends`` the least and largest value of the data.
     """
     (low, high), count, integrals = ends, space.spline_count, np.zeros(len(u))
     integrals[:count] = space.spline_integrals

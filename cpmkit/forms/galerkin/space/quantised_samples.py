@@ -33,8 +33,8 @@ class QuantisedSamples:
     #: `PLACE_UNIT` spacings.
     places: Any
     #: (q, c, e) int32, float64 for curves: the normals in units of `NORMAL_UNIT`, orthonormalised when they are
-    #: decoded. For surfaces e = 2: a position on the octahedron |x| + |y| + |z| = 1 unfolded into a square; for curves
-    #: e = d.
+    #: decoded. For curves e = d; for surfaces e = 2: a position on the octahedron |x| + |y| + |z| = 1, unfolded into a
+    #: square.
     directions: Any
     weights: Floats  #: (q,): quadrature weights, as of `Samples`.
     #: (m + 1,) int32: the first sample of each cell of the mesh, for the first samples, which are ordered by cell.
@@ -117,8 +117,8 @@ class QuantisedSamples:
 def _unfold_octahedron(normals: Floats) -> Floats:
     """Return the positions (q, c, 2) of directions ``normals`` (q, c, 3) on the octahedron unfolded into a square.
 
-    The square is as large as the multiple of unit vectors that the normals are; a normal is projected to the octahedron
-    |x| + |y| + |z| = 1, whose lower half is folded outwards over the edges of the upper one.
+    A normal is projected to the octahedron |x| + |y| + |z| = 1, whose lower half is folded outwards over the edges of
+    the upper half. The square is scaled with the length of the normals.
     """
     size = np.abs(normals).sum(axis=-1, keepdims=True) * NORMAL_UNIT
     flat, below = normals[..., :2] / size, normals[..., 2:] < 0

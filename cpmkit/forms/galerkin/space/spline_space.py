@@ -21,9 +21,9 @@ from cpmkit.mesh.subdivision import expand_counts
 from cpmkit.runtime.index_sets import inverse_index
 from cpmkit.types import Floats, Ints, SparseMatrix
 
-#: Pieces with fewer samples than these shares of their unknowns get lines along axes without a run, and along all axes.
-#: Without them 23 of 72 flat plates with ragged rims in lattice planes have singular matrices, and 9 of 336 plates with
-#: slots, necks and holes negative eigenvalues. With 1 for both the error at necks doubles.
+#: A piece with fewer samples per unknown than the first number has lines along axes without a run; than the second,
+#: along all axes. Without lines 23 of 72 flat plates with ragged rims in lattice planes have singular matrices, and 9
+#: of 336 plates with slots, necks and holes negative eigenvalues. With 1 for both the error at necks doubles.
 SPARSE_SHARES = 1.0, 1 / 3
 
 
@@ -98,7 +98,7 @@ def _cell_coordinates(dof_map: DofMap, patch: Ints, points: Floats) -> Floats:
 
 
 def _outer(first: Floats, second: Floats) -> Floats:
-    """Return the outer products (k, v w) of rows of ``first`` (k, v) and ``second`` (k, w); the latter runs fastest."""
+    """Return the outer products (k, v w) of rows of ``first`` (k, v) and ``second`` (k, w); columns vary fastest."""
     return (first[:, :, None] * second[:, None, :]).reshape(len(first), first.shape[1] * second.shape[1])
 
 
@@ -124,14 +124,14 @@ class SplineSpace:
     dof_map: DofMap  #: The patches of the samples, and the n unknowns, which are coefficients of splines.
     #: The samples of ``dof_map``, in its order: those on the manifold, then those on boundaries.
     samples: QuantisedSamples
-    #: (n,) int32: for each unknown an index into ``dof_map.unknowns.ravel()`` where it stands: in the patch with the
-    #: largest sum of weights among those that read it.
+    #: (n,) int32: an index of each unknown in ``dof_map.unknowns.ravel()``: in the patch with the largest sum of
+    #: weights among those that read the unknown.
     heaviest: Any
     #: (r, degree + 2) int32: all sequences of degree + 2 neighbouring unknowns along an axis, one more than a patch
-    #: reads. Where an unknown has several neighbours in one direction, there is a run through each of them.
+    #: reads. If an unknown has several neighbours in one direction, there is a run through each neighbour.
     runs: Any
-    #: (s, degree + 1) int32: sequences of degree + 1 unknowns along an axis inside one patch: through each unknown that
-    #: is in no run, and through those of pieces with few samples or in one layer (`_lines_in_weak_pieces`).
+    #: (s, degree + 1) int32: sequences of degree + 1 unknowns along an axis inside one patch, through each unknown that
+    #: is in no run, and through unknowns of pieces with too little energy (`_lines_in_weak_pieces`).
     short_runs: Any
     #: indptr, indices (n + 1,), (z,) int32 or int64: the sparsity pattern of matrices in CSR, columns ascending.
     indptr: Any
@@ -193,7 +193,7 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples, cut
 
 
 def _runs_along(dof_map: DofMap, stride: int) -> Any:
-    """Return all runs (r, degree + 2) along the axis of a ``stride``: each unknown is a neighbour of the one before.
+    """Return all runs (r, degree + 2), sequences of neighbouring unknowns, along the axis of a ``stride``.
 
     An unknown may have several neighbours in one direction.
     """
@@ -228,10 +228,10 @@ def _lines_in_weak_pieces(
 ) -> Ints:
     """Return lines (k, degree + 1) of unknowns inside patches, through each unknown of pieces with too little energy.
 
-    These are connected pieces between ties with few samples. In mass and energy z^2 f vanishes on a flat piece if f
-    vanishes at all samples, and differences along runs do not see it where a piece stays in one layer of cells: the
-    lines are along the axes without a run, and with very few samples along all. Curves in space have lines along axes
-    without a run everywhere: where a curve is straight, y^2 z vanishes, with y and z coordinates along such axes.
+    Such pieces are connected, between ties, and have few samples. On a flat piece z^2 f has no mass and energy if f
+    vanishes at all samples, and differences along runs do not control it if the piece is in one layer of cells. The
+    lines are along the axes without a run, and with very few samples along all axes. Curves in space have lines along
+    axes without a run everywhere: on a straight curve along x, y^2 z has no energy.
     """
     count, piece = connected_pieces(dof_map, across_ties=False)
     share = np.bincount(piece[dof_map.unknowns[dof_map.patch, 0]], samples.weights > 0, count) / np.bincount(piece)
@@ -246,9 +246,9 @@ def _lines_in_weak_pieces(
 
 
 def _heaviest_places(weights: Floats, starts: Ints, places: Ints) -> Ints:
-    """Return for each unknown (n,) its place of largest weight, the first if several have it.
+    """Return for each unknown (n,) its place with the largest weight, the first of several.
 
-    Places are indices into the flattened table of the unknowns of patches. Those of unknown i, one or more, are
+    A place is an index into the flattened table of the unknowns of patches. Unknown i has one or more places,
     ``places[starts[i] : starts[i + 1]]``, with weights in the same slice of ``weights``.
     """
     largest = np.maximum.reduceat(weights, starts[:-1])
