@@ -53,7 +53,7 @@ def cost_model(scene: Scene, options: Options[Any]) -> CostModel[Any]:
 
 
 def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) -> tuple[Options[Any], dict[str, Any]]:
-    """Return the options of a scene's discretisation made of the arguments ``given`` by name, and the other arguments.
+    """Return the options of a scene's discretisation, from arguments ``given`` by name, and the other arguments.
 
     ``spacing`` is None if not given. Raises InputError if it is needed, an option belongs to another form, or a value
     is not accepted; warns of old names of options.
@@ -113,16 +113,16 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
     """Return ``form`` if it is a form's name; if "auto", the form that the options ``names`` determine, None if none.
 
-    An option of one form determines it. Where ``names`` maps options to values, so does an option of several forms,
-    such as ``degree``, if only one form accepts its value. Names that are no options of a form are ignored. Raises
-    InputError if ``form`` names no form, or an option belongs to another form or is no longer offered.
+    An option of one form determines that form. If ``names`` maps options to values, an option of several forms, such as
+    ``degree``, determines the form too if only one form accepts its value. Names that are no options of a form are
+    ignored. Raises InputError if ``form`` names no form, or an option belongs to another form or is no longer offered.
     """
     if not isinstance(form, str) or (form not in FORMS and form != AUTO):
         near = did_you_mean(form, (*FORMS, AUTO))
         raise InputError(f"form must be {', '.join(map(repr, FORMS))} or {AUTO!r}, got {shown(form)}{near}.")
     refuse_removed(names)
     chosen = None if form == AUTO else form
-    for name in sorted(names, key=lambda name: len(_forms_with(name))):  # an option of one form decides before values
+    for name in sorted(names, key=lambda name: len(_forms_with(name))):  # options of one form decide before values
         having, accepting = _forms_with(name), _forms_accepting(name, names)
         if len(accepting) == 1 and chosen is None:
             chosen = accepting[0]
@@ -137,8 +137,8 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
 def own_options(given: Mapping[str, Any]) -> tuple[DeclaredOptions, tuple[str, ...]]:
     """Return a form's own options with the values ``given``, and the names of all its own options; for scene files.
 
-    Where neither ``form`` nor another option determines the form, the options are those of the first form, and the
-    names those of every form. Raises InputError as :func:`form_named` does, or if a value is not accepted.
+    If neither ``form`` nor another option determines the form, the options are those of the first form, and the names
+    those of every form. Raises InputError as :func:`form_named` does, or if a value is not accepted.
     """
     named = form_named(given.get("form", AUTO), given)
     kinds = [FORMS[named]] if named is not None else list(FORMS.values())

@@ -149,7 +149,7 @@ class FormOperators(ABC):
         return self
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the indicators and means of the pieces where u + constant solves A u = b if u does; else None."""
+        """Return the pieces (indicators and means) where u + constant solves A u = b if u does; None if none."""
         return free_pieces(stiffness, lambda: self.mass)
 
     def closed_component_means(self) -> SparseMatrix | None:
@@ -183,7 +183,7 @@ class FormValues(FormOperators):
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
         """Return the unknowns (n, channels) whose values at the points are nearest to ``values`` (p, channels).
 
-        ``start`` (n, channels) are unknowns that are kept as far as the values at the points do not determine them.
+        ``start`` (n, channels) are the unknowns that are returned where values at the points do not determine them.
         ``time`` is the time of the conditions' data, by default the start of the problem.
         """
 
@@ -203,16 +203,17 @@ class FormValues(FormOperators):
         """Return the unknowns (n, channels) that represent ``data`` at ``time`` and satisfy the conditions.
 
         ``label`` is the name of the data in errors; ``time`` is also that of the conditions' data. Two arguments are
-        ignored by default: ``in_range``, whether the unknowns stay within the range of data that the spacing does not
-        resolve, and ``step``: if above 0, ``data`` are rates du/dt, those of conditions differences over it.
+        ignored by default. ``in_range``: whether the unknowns stay within the range of data that the spacing does not
+        resolve. ``step``: if above 0, ``data`` are rates du/dt, and the conditions' data are difference quotients over
+        this step.
         """
         return self.project(self.data_at_points(data, label, time, self.scene.channels), time=time)
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
         """Return the load (n, channels) of the right-hand side ``function(values, points)``.
 
-        Its arguments are the values (p, channels) of ``u`` (n, channels) at the points (p, d) of the form, and these
-        points; it returns numbers (p, channels).
+        The arguments of the function are the values (p, channels) of ``u`` (n, channels) at the points (p, d) of the
+        form, and these points; it returns numbers (p, channels).
         """
         values = function(self.at_points(u), self.points)
         return self.load(lambda _: values)
@@ -267,7 +268,7 @@ class FormValues(FormOperators):
     ) -> Floats | None:
         """Return the integrals (channels,) of du/db, b outwards, at ``time`` over a side of a boundary or the edge.
 
-        ``boundary`` is its name, the number of a loop of the edge, or "edge"; ``side`` is None for the edge. ``where``
+        ``boundary`` is a name, the number of a loop of the edge, or "edge"; ``side`` is None for the edge. ``where``
         selects the points (n, d) of a part. Returns None, the default, where a quadrature of
         :meth:`conormal_derivative` is as good.
         """
@@ -292,7 +293,7 @@ class Discretized(FormValues):
     """
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
-        """Return ``u`` (n, channels), ``operator u = b``, less its means on free pieces, and the imbalances of b."""
+        """Return the solution ``u`` of ``operator u = b`` less its means on free pieces, and the imbalances of b."""
         return balanced_solution(operator, b, u, self) if isinstance(operator, Bordered) else (u, ())
 
     def warnings(self) -> tuple[str, ...]:
@@ -339,7 +340,7 @@ class Discretized(FormValues):
         return {}
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return in words how the form differs from that with the :meth:`arrays` ``saved``; empty if it does not."""
+        """Return in words how the form differs from the form with the :meth:`arrays` ``saved``; empty if equal."""
         return ""
 
 

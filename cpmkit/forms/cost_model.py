@@ -144,7 +144,7 @@ class CostModel(ABC, Generic[Own]):
 
     #: The largest spacing, as a share of the largest side of the manifold's bounds.
     coarsest_share: ClassVar[float]
-    #: Unknowns that boundaries of dimension 0, points, and of 1 or 2 add, over those of a band around them alone.
+    #: The unknowns that boundaries add, over those of a band around the boundary alone: for points, and for others.
     boundary_shares: ClassVar[tuple[float, float]]
     #: The solver that needs less memory than a factorisation.
     smaller_solver: ClassVar[str]
@@ -232,7 +232,7 @@ class Growth:
 def growth_through(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
     """Return the growth through two pairs (spacing, count); ``m`` is the dimension of the manifold.
 
-    Where a term would be negative, as the coarse lattice does not resolve the manifold, ``fine`` alone gives a, b = 0.
+    If a term would be negative, since the coarse lattice does not resolve the manifold, b is 0 and ``fine`` gives a.
     """
     (h, n), (wide, few) = fine, coarse
     b = (few * wide**m - n * h**m) / (wide - h)
@@ -243,8 +243,8 @@ def growth_through(fine: tuple[float, float], coarse: tuple[float, float], m: in
 def fit_linear_cost(coarse: tuple[float, float], fine: tuple[float, float]) -> tuple[float, float]:
     """Return the constant and the slope of a cost linear in the unknowns, from two pairs (unknowns, cost of a solve).
 
-    The slope is at least half the cost per unknown of the pair ``fine``, as first solves also fill caches; the constant
-    is that of a line through ``fine``, or zero if that is negative.
+    The slope is at least half the cost per unknown of ``fine``, since first solves also fill caches. The constant is
+    that of the line through ``fine``, or zero if negative.
     """
     (few, less), (many, more) = coarse, fine
     slope = max((more - less) / (many - few), 0.5 * more / many)
@@ -252,7 +252,7 @@ def fit_linear_cost(coarse: tuple[float, float], fine: tuple[float, float]) -> t
 
 
 def fitting_unknowns(limit: float, bytes_of: Callable[[float], float], start: float = 1.0) -> float:
-    """Return the number of unknowns for which ``bytes_of(unknowns)`` is ``limit``, or 1 if that is less than one.
+    """Return the number of unknowns, at least 1, for which ``bytes_of(unknowns)`` is ``limit``.
 
     Fixed-point iteration from ``start``; for bytes like unknowns^p, p from 2/3 to 4/3, a round divides the error by 3.
     """

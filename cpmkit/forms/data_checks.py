@@ -1,4 +1,4 @@
-"""Checks of data: they must balance where a constant is free, and may not vary within a spacing.
+"""Checks of data: data must balance where a constant is free, and must not vary within a spacing.
 
 A constant is free on a piece of the manifold (a closed surface, or a part with Neumann conditions all around) if
 u + constant solves the equation whenever u does. The data must balance there: the integral of f must equal the flux out
@@ -7,7 +7,7 @@ of the piece. The solution with mean zero is taken; the imbalance, a constant on
 A form evaluates data at points about a spacing apart and misses variation between them. Half the mean squared
 difference of values at two points, as a function of their distance r, is A + B r^2 for small r (the variogram). A, the
 "nugget", is the mean square of the variation within a spacing: zero for resolved data. A jump along a line hardly
-changes it; :mod:`cpmkit.forms.data_jumps` finds it.
+changes A; :mod:`cpmkit.forms.data_jumps` finds jumps.
 """
 
 from __future__ import annotations
@@ -39,22 +39,24 @@ GROSS_DEFECT_SHARE = 0.5
 #: Smooth data that balance leave about 1 or less on spheres, caps, circles and arcs, and less than 8 where f is a bump
 #: of a fifth of the size, on tori and ellipses that the band resolves.
 EXPLAINED_DEFECT_FACTOR = 10.0
-#: The relative imbalance that the manifold's source may cause, over the error that it states: .03 to 1.2 on clouds.
+#: The relative imbalance that the manifold's source may cause, over the error that the source states: .03 to 1.2 on
+#: point clouds.
 IMBALANCE_PER_ERROR = 3.0
 #: A constant is free on a piece where A times its indicator is below this share of the diagonal: rounding.
 ROUNDING = 1e-10
 #: Points at which data are compared: so many runs of so many consecutive points.
 RUNS, RUN_LENGTH = 24, 128
-#: Neighbours of a point, within so many spacings; points nearer than the last count once, as nodes may share them.
+#: Number of neighbours of a point, and their largest distance in spacings; points nearer than the last number count
+#: once, since several nodes may have the same point.
 NEIGHBOURS, NEIGHBOUR_SPACINGS, SAME_SPACINGS = 6, 0.75, 0.05
 #: The labels of the coefficients of an equation that are checked.
 COEFFICIENTS = ("the right-hand side f", "the factor c", "the diffusivity")
-#: Data are unresolved where the root of A is more than this share of their root mean square. Of sin(k x) on circles and
-#: spheres it is below .1 up to k h = 1, .1 to .3 at 3, from .2 on at 6 and .85 to 1.1 from 20 on, in both forms; of a
-#: step on the unit sphere at h = .2 it is .06.
+#: Data are unresolved if the root of A is more than this share of their root mean square. For sin(k x) on circles and
+#: spheres that share is below .1 up to k h = 1, .1 to .3 at 3, from .2 on at 6 and .85 to 1.1 from 20 on, in both
+#: forms; for a step on the unit sphere at h = .2 it is .06.
 UNRESOLVED_NUGGET = 0.2
-#: Data are rounding where they change by so many times their size when their points move by this share of a spacing, in
-#: a direction along which no boundary runs.
+#: Data are rounding errors if they change by so many times their size when their points are moved by this share of a
+#: spacing, in a direction along which no boundary runs.
 ROUNDING_CHANGE, MOVED_SPACINGS, MOVED = 100.0, 1e-9, (0.37, 0.59, 0.43)
 
 
@@ -122,7 +124,7 @@ class Imbalance:
 
     @property
     def nothing_given(self) -> list[str]:
-        """A list with the warning that u is 0 on the piece as no data are given; empty if any are, or not of "data"."""
+        """A list with the warning that u is 0 on the piece since no data are given; empty if that is not so."""
         if self.of != "data" or any(self.size):
             return []
         return [
@@ -167,7 +169,7 @@ def free_pieces(
     mass = make_mass()
     weights = dense if mass is None else mass.apply(dense)
     mean = csr_array((weights / (dense * weights).sum(axis=0)).T)
-    members = np.diff(indicator.tocsc().indptr)  # a load of mean one, as the indicator is, keeps the shift's size
+    members = np.diff(indicator.tocsc().indptr)  # loads are scaled to mean one, as the indicator is
     return Border(indicator, mean, None if mass is None else csr_array(mean.T * members))
 
 
@@ -214,8 +216,8 @@ def _describe_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
 class DataAtPoints(NamedTuple):
     """Data of a scene, their label in warnings, and points (k, d) at which a form reads them.
 
-    On the skin of a solid also its normals (k, d), and beside boundaries the sides (k, b) of points, -1 or 1: values on
-    both sides of an edge of the skin, or of a boundary, are not compared.
+    ``normals`` (k, d) are given on the skin of a solid: values on both sides of an edge of the skin, or of a boundary,
+    are not compared.
     """
 
     label: str
@@ -250,10 +252,10 @@ def data_warnings(
 
 
 def nugget(values: Floats, points: Floats, spacing: float) -> float:
-    """Return sqrt(A) over the root mean square of ``values`` (k, channels) at ``points`` (k, d), A being the nugget.
+    """Return sqrt(A) over the root mean square of ``values`` (k, channels) at ``points`` (k, d), with A the nugget.
 
-    A is fitted to the differences between neighbours within 3/4 of a spacing. The largest ratio of all channels is
-    returned; zero if all points together have fewer than six neighbours.
+    A is fitted to the differences between neighbours within 3/4 of a spacing. The result is the largest of all
+    channels, or zero if all points together have fewer than six neighbours.
     """
     from scipy.spatial import cKDTree
 
@@ -291,18 +293,18 @@ def _checked_data(
 
 
 def _sides(form: Discretized, points: Floats) -> Floats:
-    """Return the sides (k, b), 1 for left and -1 for right, of ``points`` (k, d) of each boundary of a scene."""
+    """Return the side (k, b), 1 for left and -1 for right, of each boundary on which ``points`` (k, d) are."""
     distances = [form.signed_distance(boundary.name, points) for boundary in form.scene.boundaries]
     return np.sign(np.nan_to_num(np.stack(distances, axis=1)))
 
 
 def _is_smoothed(form: Discretized, terms: Terms, vertices: int, read: int) -> bool:
-    """Return whether f are values at ``vertices`` or points, all integrated, and u is f smoothed over two spacings.
+    """Return whether f is given by values at points that are all integrated, and the equation smooths it enough.
 
-    ``read`` is the number of points at which f is read; values at fewer points are all integrated, each over the places
-    nearest to it.
-    With constant c and diffusivity a, u is f / c smoothed over the length sqrt(a / c). On white noise, u then differs
-    by 0.06 to 0.15 of its own root mean square from the exact solution, which has more of the shortest waves.
+    All values count if they are at the ``vertices`` of the mesh, or at fewer points than the number ``read`` at which f
+    is read. With constant c and diffusivity a, u is f / c smoothed over the length sqrt(a / c), which must be two
+    spacings. For white noise, u then differs by 0.06 to 0.15 of its own root mean square from the exact solution, which
+    has more of the shortest waves.
     """
     a, c, f, problem = terms.diffusivity, terms.c, terms.f, form.scene.problem
     if not (isinstance(problem, (ScreenedPoisson, Elliptic)) and isinstance(f, VertexData) and isinstance(a, float)):
@@ -313,7 +315,7 @@ def _is_smoothed(form: Discretized, terms: Terms, vertices: int, read: int) -> b
 
 
 def _compared_rows(count: int) -> Any:
-    """Return the rows (k,), of ``count``, at which data are compared: all, or beyond 3,072 those of 24 spread runs."""
+    """Return the rows (k,), of ``count``, at which data are compared: all, or if over 3,072 those of 24 spread runs."""
     if count <= RUNS * RUN_LENGTH:
         return np.arange(count)
     starts = np.linspace(0, count - RUN_LENGTH, RUNS).astype(np.int64)
@@ -353,7 +355,8 @@ def _jump_warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator
 def _is_rounding(scene: Scene, data: DataAtPoints, values: Any, spacing: float) -> bool:
     """Return whether data with ``values`` (k, channels) are zero up to rounding, as ``x`` is on a side at x = 0.
 
-    They are if moving their points by a tiny share of ``spacing`` changes them by many times their size.
+    The values are rounding errors if moving the points by a tiny share of ``spacing`` changes them by many times their
+    size.
     """
     step = MOVED_SPACINGS * spacing * np.array(MOVED)[: data.points.shape[1]]
     moved = _values_at_points(scene, data._replace(points=data.points + step))
@@ -363,7 +366,7 @@ def _is_rounding(scene: Scene, data: DataAtPoints, values: Any, spacing: float) 
 def _values_at_points(scene: Scene, data: DataAtPoints) -> Floats | None:
     """Return the values (k, channels) of data at their points; None unless they are a function of points alone.
 
-    Numbers, functions of u and integrals give None, as do a function that refuses these points, and no points.
+    The result is None for numbers, functions of u, integrals, functions that refuse these points, and without points.
     """
     function, entries = data.data, data.data if is_sequence(data.data) else (data.data,)
     fixed = isinstance(function, Functional) or getattr(function, "needs_state", False) or hasattr(function, "form")

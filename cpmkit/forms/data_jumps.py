@@ -1,7 +1,7 @@
-"""Jumps of data along a line that is no boundary: quadrature cuts no cell there, and errors stop falling.
+"""Detection of jumps of data along a line that is no boundary: no cell is cut there, and errors stop falling.
 
-Points a spacing apart do not tell a jump from a steep slope. The data are functions, so the distance of two neighbours
-with different values is halved along the manifold: across a slope their difference falls with it, across a jump not.
+Values a spacing apart do not distinguish a jump from a steep slope. As data are functions, the distance of two
+neighbours with different values is halved along the manifold: their difference falls at a slope, but not at a jump.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: Data are compared at so many points, spread over those of the form, each with so many nearest ones.
 COMPARED_POINTS, NEIGHBOURS = 3_000, 6
-#: Data jump where their difference stays above this share of their root mean square while the distance is halved so
-#: often. So many pairs of neighbours are followed, those with the largest differences.
+#: Data jump if their difference stays above this share of their root mean square while the distance is halved so often.
+#: So many pairs of neighbours are halved, those with the largest differences.
 JUMP_SHARE, HALVINGS, FOLLOWED_PAIRS = 0.2, 14, 64
 #: A halved distance is at most this share of the distance before; if it is longer, the points are on two sheets.
 HALVED_SHARE = 0.75
-#: A jump so near to a boundary, in spacings, is at the boundary.
+#: A jump nearer to a boundary than this, in spacings, is at the boundary.
 BOUNDARY_SPACINGS = 0.1
 #: A jump is at a crease where the manifold within so many spacings deviates from a plane by more than this share.
 CREASE_SPACINGS, CREASE_SHARE = 0.1, 0.1
@@ -64,7 +64,7 @@ def find_jump(
 
 
 def _followed_pairs(points: Floats, scaled: Floats) -> Ints:
-    """Return the rows (m, 2) of neighbours among ``points`` whose values (n, channels) differ most."""
+    """Return the rows (m, 2) of neighbours among ``points`` whose values ``scaled`` (n, channels) differ most."""
     from scipy.spatial import cKDTree
 
     number = cKDTree(points).query(points, min(NEIGHBOURS + 1, len(points)))[1].reshape(len(points), -1)
@@ -74,12 +74,12 @@ def _followed_pairs(points: Floats, scaled: Floats) -> Ints:
 
 
 def _differs(at_ends: Floats) -> Bools:
-    """Return whether scaled values (m, 2, channels) at the ends of pairs differ by more than the share of a jump."""
+    """Return whether (m,) the scaled values (m, 2, channels) at the ends of pairs differ by more than `JUMP_SHARE`."""
     return np.asarray(np.abs(at_ends[:, 0] - at_ends[:, 1]).max(axis=1, initial=0.0) > JUMP_SHARE)
 
 
 def _halve(ends: Floats, at_ends: Floats, middle: Floats, at_middle: Floats) -> tuple[Floats, Floats]:
-    """Return the ends (m, 2, d), and their values, of the halves with the larger difference; on one sheet alone."""
+    """Return the ends (m, 2, d), and values, of the halves with larger differences, without pairs on two sheets."""
     change = np.abs(at_ends - at_middle[:, None]).max(axis=2)
     rows, moved = np.arange(len(ends)), np.argmin(change, axis=1)  # the end with the value of the middle moves there
     halves, at_halves = ends.copy(), at_ends.copy()
@@ -90,7 +90,7 @@ def _halve(ends: Floats, at_ends: Floats, middle: Floats, at_middle: Floats) -> 
 
 
 def _on_one_member(surface: ClosestPointSource, ends: Floats) -> Bools:
-    """Return whether pairs of points (m, 2, d) lie on one member of a union each; all do on other sources."""
+    """Return whether (m,) both points of each pair (m, 2, d) lie on one member of a union; True for other sources."""
     if len(members_of(surface)) == 1:
         return np.ones(len(ends), dtype=bool)
     first, second = (surface.closest_point(np.ascontiguousarray(ends[:, k])).element for k in range(2))

@@ -21,7 +21,7 @@ from cpmkit.types import Floats
 
 #: Step of differences of closest points, in spacings, for sources without normals of their own.
 DIFFERENCE_SPACINGS = 0.1
-#: A sequence with more entries than this is taken for values of a wrong length, not for one value of each channel.
+#: A sequence with more entries than this counts as values of a wrong length, not as one value for each channel.
 MOST_CHANNELS = 64
 
 
@@ -103,7 +103,7 @@ class Field:
     def divergence(self, scale: float = 1.0) -> Divergence:
         """Return ``scale`` times the weak divergence of a field of vectors (p, d), for a right-hand side.
 
-        It is represented by integrals of the field times gradients of test functions; the field is not differentiated.
+        The divergence is represented by integrals of the field times gradients of test functions.
         Raises InputError if the field does not have one channel for each dimension of space.
         """
         if self.values.shape != self.points.shape:
@@ -113,7 +113,7 @@ class Field:
         return Divergence(self, scale)
 
     def project(self, onto: ClosestPointSource | None = None) -> Field:
-        """Return the field of the values' tangential parts; with ``onto``, of their closest points on that source.
+        """Return the field of the tangential parts of vectors; with ``onto``, of the closest points of values there.
 
         Raises InputError if the field does not have one channel for each dimension of space, that of ``onto`` if given.
         """

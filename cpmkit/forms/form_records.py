@@ -25,7 +25,7 @@ class StateDependentCoefficient:
     coefficient: Callable[[Floats, Floats, Floats], Floats]
     u: Floats  #: (n, 1): the unknowns of u.
     #: Takes the same arguments; returns numbers (k,) by which penalties and stabilisation are scaled. By default the
-    #: coefficient itself, or the mean of a tensor. A Newton tangent has that of the coefficient it is derived from.
+    #: coefficient itself, or the mean of a tensor. A Newton tangent has the function of the original coefficient.
     penalty_coefficient: Callable[[Floats, Floats, Floats], Floats] | None = None
 
 
@@ -44,18 +44,18 @@ class StateFlux(Protocol):
         """Return the values (k,) at the points of the function with the unknowns ``u`` (n, 1)."""
 
     def grows(self, seen: Floats, /) -> bool:
-        """Return whether the flux changes with u at u = ``seen`` (k,); if not, u + constant has the same flux."""
+        """Return whether the flux changes with u at u = ``seen`` (k,); if not, u + constant has an equal flux."""
 
 
 @dataclass(frozen=True)
 class Dispersion:
     """The errors of eigenvalues lambda = k^2 of -Lap at a spacing h.
 
-    An eigenvalue is off by about ``lambda (waves (k h)^power + bends (h / radius)^bend_power)``.
+    The error is about ``lambda (waves (k h)^power + bends (h / radius)^bend_power)``, radius that of curvature.
     """
 
-    #: resolved, coarsest: k h, radians of a wave per spacing. Eigenvalues are off by 1 percent at ``resolved``, by 2 at
-    #: ``coarsest``; beyond that eigenvalues after the first few cannot be distinguished.
+    #: resolved, coarsest: k h, radians of a wave per spacing, at which eigenvalues have errors of 1 and of 2 percent;
+    #: for larger k h eigenvalues after the first few cannot be distinguished.
     resolved: float
     coarsest: float
     power: int  #: Order of convergence of eigenvalues.
@@ -70,7 +70,7 @@ class Dispersion:
         return float(eigenvalue * (waves + self.bends * (spacing / radius) ** self.bend_power))
 
 
-#: Of difference formulas of second order: ten nodes a wavelength for an error of 1 percent, six for 2 percent.
+#: The dispersion of difference formulas of second order: ten nodes a wavelength for errors of 1 percent, six for 2.
 SECOND_ORDER = Dispersion(resolved=0.6, coarsest=1.0, power=2, waves=0.03, bends=0.2)
 
 
@@ -120,16 +120,16 @@ class FormPart(Protocol):
 
 @dataclass(frozen=True)
 class FormTraits:
-    """Properties of a form, for the equation of its scene, that solvers, families and saved files read."""
+    """Properties of a form and the equation of its scene that solvers, families and saved files read."""
 
     #: The solver of systems too large for a factorisation: "multigrid", "reference", or "direct" if there is none.
     iterative_solver: str = "reference"
     factorise_up_to: float = 1.0  #: A factorisation is chosen up to so many times the usual number of unknowns.
     dispersion: Dispersion = SECOND_ORDER  #: Errors of eigenvalues and waves.
     work_record: type = PlainWork  #: The class of the record that ``work`` returns.
-    #: A degree that reaches small errors sooner on the scene's manifold, where that is known.
+    #: A degree with which small errors cost less on the scene's manifold; None if no such degree is known.
     higher_degree: int | None = None
-    parts: Sequence[FormPart] = ()  #: Of a union of several dimensions the form of each; else empty.
+    parts: Sequence[FormPart] = ()  #: In a union of several dimensions the form of each; else empty.
     libraries: tuple[str, ...] = ("cpmkit", "numpy", "scipy")  #: Distributions whose versions a summary lists.
 
 
@@ -141,7 +141,7 @@ class ExpectedError:
     rms: Floats
     largest: Floats
     unresolved: bool  #: Whether u has waves or peaks that the lattice hardly resolves; errors may then be larger.
-    #: Whether errors of two solutions may be equal, where u is singular, so that their difference is too small.
+    #: Whether u is singular so that two solutions may have equal errors, and differ by less than the error.
     differences_cancel: bool = False
 
 
@@ -151,11 +151,11 @@ class Diagnosis:
 
     order: float = 2.0  #: The order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error of u_h.
     slow: str = ""  #: Why the error may fall slowly with the spacing; empty without a reason.
-    #: Why differences of two solutions are no measure of the error, in a sentence; empty where they are one.
+    #: Why differences of two solutions do not measure the error, in a sentence; empty if they do.
     no_estimate: str = ""
-    unresolved: bool = False  #: Whether parts of the manifold bend too sharply, or are too near to other parts.
+    unresolved: bool = False  #: Whether parts of the manifold are curved too sharply, or too near to other parts.
     unresolved_share: float = 0.0  #: The share of the manifold in pieces so small that u has one value on each.
     #: (k, d): closest points of the further unknowns at nodes that several sheets of the manifold share.
     doubled: Floats | None = None
-    #: (t, k, d): the k ends of each facet where the mesh is cut although no boundary lies there, and u is tied.
+    #: (t, k, d): the k ends of each tie: a facet on no boundary where the mesh is cut and u is continuous.
     ties: Floats | None = None

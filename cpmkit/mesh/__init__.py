@@ -1,1 +1,1 @@
-"""Meshes: edges, rims, winding, normals, repair, subdivision, clips at knot planes, quadrature, cuts at boundaries."""
+"""Meshes: edges, rims, orientation, normals, repair, subdivision, quadrature, and cuts at boundaries."""

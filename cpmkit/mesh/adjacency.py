@@ -1,4 +1,4 @@
-"""Which cells touch: facets on boundaries and on the rim, their cells and sides, seams that are not welded, and repair.
+"""Adjacency of cells: facets on boundaries and rims, the sides of cells, unwelded seams, and the repair of meshes.
 
 A repair welds vertices, removes repeated cells, and separates cells that share only a vertex.
 """
@@ -13,35 +13,35 @@ from cpmkit.manifold.vector_algebra import dots, nearest_shares, norms, unit
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.types import Bools, Floats, Ints
 
-#: An edge of the rim whose middle is nearer than this share of its length to another edge of the rim lies on it.
+#: A rim edge lies on another rim edge if its midpoint is nearer to that edge than this share of its length.
 SEAM_EDGE_SHARE = 0.05
-#: Sides of cells are known up to so many spacings from a boundary: points are compared with nearby samples only.
+#: Sides of cells are computed up to so many spacings from a boundary: points are compared with nearby samples only.
 SIDE_REACH_SPACINGS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class HalfFacets:
-    """Pairs of a cell and one of its facets, for all facets on boundaries and on the rim.
+    """Half facets, pairs of a cell and one of its facets, for all facets on boundaries and on the rim.
 
     A facet on a boundary occurs once for each cell beside it.
     """
 
-    #: cell, facet (n,): the number of the cell, and of the facet within the cell (the facet is opposite to this
-    #: corner).
+    #: cell, facet (n,): the number of the cell, and that of the corner of the cell to which the facet is opposite.
     cell: Ints
     facet: Ints
     cut: Ints  #: (n,): the row of the facet in ``mesh.cut``; -1 on a rim where no boundary lies.
-    #: (n,): +1 where the cell traverses the facet in the direction of ``mesh.cut``, or no boundary lies there, -1 where
-    #: in the reverse direction; on a curve +1 for a cell that ends there, -1 for a cell that starts there.
+    #: (n,): +1 if the cell traverses the facet in the direction of ``mesh.cut``, or no boundary lies there, -1 if in
+    #: the reverse direction; on a curve +1 for a cell that ends there, -1 for a cell that starts there.
     along: Ints
 
 
 def cut_corners(mesh: Mesh) -> Ints:
     """Return the vertex (m, k) of each corner of each cell once the mesh is cut at the facets in ``mesh.cut``.
 
-    Corners of triangles at one vertex stay one vertex if a path over edges that are not cut connects them; an edge of
-    three triangles or more connects all of them. Corners of segments at one vertex stay one vertex, unless that is cut:
-    then each corner becomes a vertex of its own. Tips, junctions, rims and one-sided surfaces need no special case.
+    Corners of triangles at one vertex stay one vertex if a path over edges that are not cut connects the triangles; an
+    edge of three triangles or more connects all of them. Corners of segments at one vertex stay one vertex, unless it
+    is cut: then each corner becomes a separate vertex. Tips, junctions, rims and one-sided surfaces are no special
+    case.
     """
     if mesh.manifold_dim == 1:
         on_boundary = np.zeros(len(mesh.vertices), dtype=bool)
@@ -63,7 +63,7 @@ def has_cut_corners(mesh: Mesh, corners: Ints) -> bool:
 def half_facets(mesh: Mesh) -> HalfFacets:
     """Return the facets in ``mesh.cut``, once for each cell beside them, and the facets on the rim.
 
-    Of rows of ``mesh.cut`` with the same facet the first counts, of edges that no cell has none.
+    If rows of ``mesh.cut`` have the same facet, the first counts; edges that no cell has do not count.
     """
     facets, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
     on_cut = mesh.cut[:, 0] if mesh.manifold_dim == 1 else mesh.cut_edges
@@ -80,9 +80,9 @@ def half_facets(mesh: Mesh) -> HalfFacets:
 
 
 def facets_of_two_cells(mesh: Mesh) -> tuple[Ints, Ints]:
-    """Return the facets (e,) that exactly two cells have, ascending, and both places (e, 2) of each, ascending.
+    """Return the facets (e,) of exactly two cells, ascending, and the two places (e, 2) of each facet, ascending.
 
-    A place is a position in the array (m, k) of cells and their facets, flattened.
+    A place is a position in the flattened array (m, k) of the facets of cells.
     """
     from cpmkit.runtime.index_sets import inverse_index
 
@@ -96,7 +96,7 @@ def facets_of_two_cells(mesh: Mesh) -> tuple[Ints, Ints]:
 class Rim:
     """The edges or vertices on the rim of a mesh, and the directions out of the mesh there."""
 
-    rows: Ints  #: (r,): numbers of these edges or vertices, ascending.
+    rows: Ints  #: (r,): numbers of the edges or vertices, ascending.
     outward: Floats  #: (r, d): vectors tangent to the cell, out of it, as long as the edge; at a vertex their mean.
 
     def subset(self, chosen: Ints) -> Rim:
@@ -107,7 +107,7 @@ class Rim:
 
 
 def rim_of_edges(mesh: Mesh) -> Rim:
-    """Return the edges of triangles on the rim with outward vectors perpendicular to them; segments have none."""
+    """Return the rim edges of triangles, with outward vectors perpendicular to the edges; segments have none."""
     if mesh.manifold_dim == 1:
         return Rim(np.zeros(0, dtype=np.int64), np.zeros((0, mesh.dim)))
     edges = mesh.edges
@@ -140,10 +140,10 @@ def rim_of_vertices(mesh: Mesh) -> Rim:
 
 
 def seam_midpoints(mesh: Mesh, half: HalfFacets) -> Floats:
-    """Return those middles (k, d) of rim edges of triangles that lie on another rim edge, without common vertex.
+    """Return the midpoints (k, d) of rim edges of triangles that lie on another rim edge, without a common vertex.
 
-    Such seams are not welded: nothing flows across them. Rim edges on boundaries are left out; of the others the four
-    with the nearest middles are tested. ``half``: the half facets of this mesh.
+    Such seams are not welded: nothing flows across them. Rim edges on boundaries are left out; an edge is compared with
+    the four others with the nearest midpoints. ``half``: the half facets of this mesh.
     """
     from scipy.spatial import cKDTree
 
@@ -172,22 +172,22 @@ class RepairReport:
 
     welded: int  #: Vertices merged with another vertex at the same place.
     doubled: int  #: Cells removed because they named a vertex twice after welding, or had the corners of another cell.
-    fans: int  #: Vertices added where fans of cells met that share no edge.
+    fans: int  #: Vertices added to separate sets of cells that met in a vertex but share no edge.
 
 
 def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
     """Return the mesh with vertices welded, and triangles connected only over shared edges, and a report.
 
-    Contact in a single vertex does not connect: heat would flow through the point where two spheres touch. Curves stay
-    connected where several segments meet. Cells that are degenerate or repeated after welding, and unused vertices, are
-    left out. ``mesh`` is flat, without boundaries.
+    Triangles that share only a vertex are separated: heat would flow through the point where two spheres touch. Curves
+    stay connected where several segments meet. Cells that are degenerate or repeated after welding, and unused
+    vertices, are left out. ``mesh`` is flat, without boundaries.
     """
     vertex_of, cells, report = repaired_cells(mesh)
     return Mesh.of(mesh.vertices[vertex_of], cells), report
 
 
 def has_distinct_vertices(mesh: Mesh) -> bool:
-    """Return whether no two vertices are to be welded: then a mesh of parts of repaired cells needs no repair."""
+    """Return whether no two vertices would be welded: then a mesh of parts of repaired cells needs no repair."""
     return bool((_welded_vertices(mesh.vertices) == np.arange(len(mesh.vertices))).all())
 
 
@@ -234,9 +234,9 @@ def _welded_vertices(vertices: Floats) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class CellSides:
-    """The side of each boundary on which cells lie, propagated from half facets over shared corners of the cut mesh.
+    """The side of each boundary on which cells lie, propagated from half facets over shared vertices of the cut mesh.
 
-    Both sides meet around a tip: a cell there has the side that is propagated to it first, or none.
+    Around a tip the two sides meet: a cell there has the side that is propagated to it first, or none.
     """
 
     corners: Ints  #: (m, k): the vertices of the cells after cutting.
@@ -249,8 +249,9 @@ class CellSides:
     def of_boundary(self, number: int) -> Ints:
         """Return the side (m,) of each cell: 1 on the left of boundary ``number``, -1 on its right, else 0.
 
-        It is 0 for cells farther than `SIDE_REACH_SPACINGS` from those beside the boundary, for cells that no chain of
-        cells within that distance joins to these, and for cells with as many corners on the left as on the right.
+        The side is 0 for cells farther than `SIDE_REACH_SPACINGS` from the cells beside the boundary, for cells that no
+        chain of cells within that distance joins to them, and for cells with as many corners on the left as on the
+        right.
         """
         from scipy.spatial import cKDTree
 

@@ -1,10 +1,10 @@
 """Quadrature on the cells of a mesh: points, weights and normals, on whole cells or on pieces between knot planes.
 
-A piece is a part of a triangle inside one lattice cell. There splines are polynomials, which are integrated to the
-degree of the rule. On whole triangles the error of a rule depends on their size relative to a lattice cell.
+A piece is a part of a triangle inside one lattice cell. On a piece splines are polynomials, for which a rule is exact
+up to its degree. On whole triangles the error of a rule depends on their size relative to a lattice cell.
 
 Where flat triangles approximate a curved surface, the gradient of u has kinks at their edges, proportional to the angle
-between them, which splines do not have between knot planes. No rule on a piece need be more accurate than this error.
+between the triangles, which splines cannot represent. No rule on a piece need be more accurate than this error.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ SAMPLINGS = ("auto", "plain", "clipped")
 #: Longest edge of whole triangles, in spacings: three points a triangle then resolve every spline.
 PLAIN_EDGE_SPACINGS = 0.5
 #: Longest edge of clipped curved triangles, in spacings: 19 samples an unknown; on a sphere the error differs by 3 %
-#: from that of edges half as long.
+#: from that with edges half as long.
 CLIPPED_EDGE_SPACINGS = 0.7
 #: Longest edge of clipped flat triangles, in spacings: the error is that of whole triangles with edges half as long,
 #: with a tenth to a quarter fewer samples (measured on a square, a cube and Spot).
 CLIPPED_FLAT_EDGE_SPACINGS = 1.0
 #: Pieces of flat triangles get one point if their area times their squared length, in spacings, is below this times
-#: the sine of the least angle to a neighbouring triangle,
+#: the sine of the least angle between the triangle and a neighbour,
 SINGLE_MOMENT_OF_ANGLE = 0.5
-#: and below this. On Spot the errors are then those of all samples to 1 percent, at three spacings, with five eighths
-#: of the samples; on a ball of 1,280 facets, under smooth data, 1 to 4 percent more with three fifths; on Spot and a
-#: koala of 100,000 triangles, left whole on coarse lattices, up to 5 percent more with one sample a triangle.
+#: and below this. On Spot the errors are then those with all samples to 1 percent, at three spacings, with five eighths
+#: of the samples; on a ball of 1,280 facets, with smooth data, 1 to 4 percent larger with three fifths; on Spot and a
+#: koala of 100,000 triangles, not clipped on coarse lattices, up to 5 percent larger with one sample a triangle.
 MOST_SINGLE_MOMENT = 5e-3
 #: The limit of area times squared length, in spacings, for whole curved triangles, on lattices far coarser than a mesh.
 #: A sphere of 82,000 triangles and a torus of 58,000 have the same errors to 1 percent, Nefertiti and a koala of
@@ -97,9 +97,10 @@ def longest_edge(sampling: str, geometry: CellGeometry, manifold_dim: int) -> fl
 
 
 def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing: float) -> Bools:
-    """Return which cells (m,) are clipped at knot planes: no segments, and none if ``sampling`` is "plain".
+    """Return whether (m,) each cell is clipped at knot planes: no segment, and no cell if ``sampling`` is "plain".
 
-    With "clipped" all triangles are, with "auto" curved ones and flat ones with an edge over ``PLAIN_EDGE_SPACINGS``.
+    With "clipped" all triangles are clipped, with "auto" curved triangles, and flat triangles with an edge longer than
+    ``PLAIN_EDGE_SPACINGS``.
     """
     if not is_clipped(sampling, mesh.manifold_dim):
         return np.zeros(len(mesh.cells), dtype=bool)
@@ -112,8 +113,8 @@ def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
     """Return for each triangle the moment (m,) below which its pieces get a single quadrature point.
 
     The moment of a piece is its area times its squared length, in spacings. The limit is zero for triangles that touch
-    a boundary, because little of a lattice cell may lie on one side of it; for flat triangles in the plane of a
-    neighbour, or with an edge of one triangle or more than two; and for curved triangles that are not small as a whole.
+    a boundary, because little of a lattice cell may lie on one side of the boundary; for flat triangles that have a
+    neighbour in the same plane, or an edge not of exactly two triangles; and for curved triangles that are not small.
     """
     if mesh.midpoints is None:
         a, b, c = (mesh.vertices[mesh.cells[:, k]] for k in range(3))
@@ -206,15 +207,15 @@ def _concatenate(parts: Iterable[Samples]) -> Samples:
             continue
         for array, more in zip(whole, arrays, strict=True):
             before = len(array)
-            array.resize((before + len(more), *array.shape[1:]), refcheck=False)  # there is no view of it
+            array.resize((before + len(more), *array.shape[1:]), refcheck=False)  # no view of the array exists
             array[before:] = more
     return Samples(*whole)
 
 
-#: The rule of degree 4 on a triangle with six points (Strang and Fix 1973): a of three of its points, which have the
-#: barycentric coordinates (a, a, 1 - 2 a) in any order, and the weight of each.
+#: The rule of degree 4 on a triangle with six points (Strang and Fix 1973): for two groups of three points with the
+#: barycentric coordinates (a, a, 1 - 2 a) in any order, the number a and the weight of each point.
 TRIANGLE_RULE = ((0.091576213509770743, 0.109951743655321868), (0.445948490915964886, 0.223381589678011466))
-#: The rim is searched for beyond the middle of an edge on the rim, by this share of the edge's length outwards.
+#: The rim is searched for beyond the midpoint of a rim edge, outwards by this share of the edge's length.
 OUTWARD_EDGE_SHARE = 0.5
 #: A midpoint whose closest point is farther away than this share of its edge's length stays on the chord.
 MOVED_MIDDLE_SHARE = 0.25
@@ -278,10 +279,10 @@ def _triangle_functions() -> tuple[Floats, Floats, Floats]:
 
 
 def project_edge_midpoints(surface: ClosestPointSource, mesh: Mesh) -> Floats:
-    """Return the closest points (e, d) on ``surface`` of the middles of a mesh's edges, on its rim for rim edges.
+    """Return the closest points (e, d) on ``surface`` of the midpoints of a mesh's edges; for rim edges on the rim.
 
-    A rim edge gets the foot of a point beyond its middle, if that lies on the surface's rim. A middle stays on the
-    chord where the point is farther away than ``MOVED_MIDDLE_SHARE`` of the edge's length.
+    A rim edge gets the closest point of a point beyond its midpoint, if it is on the surface's rim. A midpoint stays on
+    the chord if the closest point is farther away than ``MOVED_MIDDLE_SHARE`` of the edge's length.
     """
     straight, rim = mesh.vertices[mesh.edges.ends].mean(axis=1), rim_of_edges(mesh)
     moved = surface.closest_point(straight).points.copy()

@@ -1,7 +1,7 @@
 """Compiled: quadrature points of flat or quadratic triangles, whole or clipped at the knot planes of the lattice.
 
-A piece is a convex part of a triangle: a polygon with ``count`` corners, the rows (r, s, x, y, z) of ``piece``, with
-barycentric coordinates r and s in the triangle and the position in spacings.
+A piece is a convex part of a triangle: a polygon with ``count`` corners, the rows (r, s, x, y, z) of ``piece``. r and s
+are barycentric coordinates in the triangle, and (x, y, z) is the position in spacings.
 """
 
 from __future__ import annotations
@@ -100,7 +100,8 @@ def copy_corner(corners: Floats, start: int, copies: Floats, end: int) -> None:
 def find_splitting_plane(piece: Floats, count: int) -> tuple[int, float]:
     """Return the axis and the coordinate of a knot plane that splits a ``piece`` (count, 5), or axis -1 for none.
 
-    Of planes that have corners over ``ON_PLANE_SPACINGS`` away on both sides, it is the lowest of the first axis.
+    A plane splits a piece that has corners farther than ``ON_PLANE_SPACINGS`` on both sides. Of several planes the
+    lowest along the first axis is returned.
     """
     for axis in range(3):
         low, high = np.inf, -np.inf
@@ -155,8 +156,8 @@ def crosses_twice(piece: Floats, count: int, axis: int, plane: float) -> bool:
 def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> tuple[int, int]:
     """Fill ``below`` and ``above`` (k, 5) with the parts of a piece on each side of a chord; return the corner counts.
 
-    The chord connects the first corner of ``piece`` (count, 5) and the middle one. Both parts have fewer corners than a
-    piece with more than three; the edges of a piece with three corners cross any plane at most twice.
+    The chord connects corners 0 and ``count // 2`` of ``piece`` (count, 5). If the piece has more than three corners,
+    both parts have fewer; the edges of a piece with three corners cross any plane at most twice.
     """
     half = count // 2
     for k in range(half + 1):

@@ -1,4 +1,4 @@
-"""Edges of a triangle mesh that pass through triangles of it."""
+"""Edges of a triangle mesh that pass through triangles of the same mesh."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PAIRS_AT_ONCE = 2**20
 
 
 def edges_through_triangles(mesh: Mesh) -> tuple[Ints, Ints]:
-    """Return edges (k,) and triangles (k,) of a flat ``mesh`` that cross inside both, without a common vertex."""
+    """Return edges (k,) and triangles (k,) of a flat ``mesh`` that cross in inner points, without a common vertex."""
     ends, corners = mesh.vertices[mesh.edges.ends], mesh.vertices[mesh.cells]
     edge, cell = _near_pairs(ends, corners)
     found = []
@@ -29,7 +29,7 @@ def edges_through_triangles(mesh: Mesh) -> tuple[Ints, Ints]:
 
 
 def _near_pairs(ends: Floats, corners: Floats) -> tuple[Ints, Ints]:
-    """Return segments (k,) and triangles (k,) with boxes that meet; triangles of one size are tried at a time."""
+    """Return segments (k,) and triangles (k,) whose bounding boxes meet, by a search per size class of triangles."""
     from scipy.spatial import cKDTree
 
     middles, centres = ends.mean(axis=1), corners.mean(axis=1)
@@ -49,7 +49,7 @@ def _near_pairs(ends: Floats, corners: Floats) -> tuple[Ints, Ints]:
 
 
 def _cross(ends: Floats, corners: Floats) -> Bools:
-    """Return whether segments ``ends`` (n, 2, 3) pass through triangles ``corners`` (n, 3, 3), ends and sides too."""
+    """Return whether segments ``ends`` (n, 2, 3) meet triangles ``corners`` (n, 3, 3), ends and sides included."""
     p, q = ends[:, 0], ends[:, 1]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     before, after = (dots(normal, x - corners[:, 0]) for x in (p, q))

@@ -20,11 +20,11 @@ from cpmkit.types import Bools, Floats, Ints
 #: points of positions on the cells. "normals": closest points lie on the flat cells, and the normals at the vertices
 #: define a smooth surface above them.
 CellGeometry: TypeAlias = Literal["flat", "closest_point", "normals"]
-#: Support ratio below which an edge is creased, and above which the surface keeps its whole height over the edge. Edges
-#: of flat faces beside fillets have less than .02, edges of smooth shapes, with few exceptions, more than .15.
+#: Support ratio (:class:`CurvatureSupport`) below which an edge is flat, and above which the surface keeps its whole
+#: height over the edge. Edges of flat faces beside fillets have less than .02, edges of smooth shapes more than .15.
 UNSUPPORTED, SUPPORTED = 0.03, 0.15
-#: Heights below this share of the edge length are kept in any case: where a torus would count as creased, it bends more
-#: on all sides.
+#: Heights below this share of the edge length are kept in any case: on a torus, edges along which the surface is curved
+#: less than beyond their ends would lose their support otherwise.
 LOW_HEIGHT = 0.002
 
 
@@ -109,7 +109,7 @@ class Mesh:
         return cls(vertices, cells, midpoints, none.reshape(0, cells.shape[1] - 1), none, none.astype(bool))
 
     def with_same_cells(self, **changes: Any) -> Mesh:
-        """Return the mesh with as many other ``vertices``, or other ``midpoints`` or facets; connectivity is shared."""
+        """Return the mesh with other ``vertices`` (as many), ``midpoints`` or facets; connectivity is shared."""
         mesh = replace(self, **changes)
         mesh.__dict__["connectivity"] = self.connectivity  # in the place where cached_property stores it
         return mesh
@@ -186,7 +186,7 @@ class Mesh:
     @property
     def edge_is_cut(self) -> Bools:
         """(e,) whether each edge of triangles is in ``cut``."""
-        is_cut = np.zeros(len(self.edges.ends) + 1, dtype=bool)  # the last entry is that of edges without a cell
+        is_cut = np.zeros(len(self.edges.ends) + 1, dtype=bool)  # edge number -1, no edge, has the last entry
         is_cut[self.cut_edges] = True
         return is_cut[:-1]
 
@@ -208,17 +208,17 @@ def rectangle(lower: Floats, upper: Floats, spacing: float) -> tuple[Floats, Int
 class CurvatureSupport:
     """The support of the curvature along edges: how well the surface beyond their ends agrees with it.
 
-    Beside a fillet the normals at the corners of a flat face lean off it, and define a surface over the face that is as
-    round as its edges are long. The true surface is flat there: beyond the ends of these edges it bends much more, over
-    a much shorter length. An edge loses its support only if both hold. At the ends of an ellipsoid the surface bends
-    more, but over as long a length; beside the small triangles of a random triangulation the length is shorter, but the
-    bend is the same.
+    Beside a fillet the normals at the corners of a flat face are tilted, and define a surface above the face that is
+    curved over the length of its edges. The true surface is flat there, and beyond the ends of these edges the
+    curvature is much larger over a much shorter length. An edge loses its support only if both hold: at the ends of an
+    ellipsoid the curvature is larger, but over as long a length; beside the small triangles of a random triangulation
+    the length is shorter, but the curvature is the same.
     """
 
     #: (e,): curvature along the edge over the curvature beyond its ends, times the length beyond over its own length;
     #: the lesser value of both ends.
     ratio: Floats
-    #: (e,): height of the surface defined by the normals at the ends above the middle of the edge, over its length.
+    #: (e,): height of the surface defined by the normals at the ends above the midpoint of the edge, over its length.
     height: Floats
 
     @property
@@ -253,15 +253,15 @@ def vertex_normals(points: Floats, triangles: Ints) -> Floats:
     """Return unit normals (v, 3) at ``points`` (v, 3): the area-weighted mean of the normals of ``triangles`` (t, 3).
 
     Normals of triangles that are oriented differently, as on one-sided surfaces, would cancel: at the vertices of an
-    edge between such triangles, the normals of all triangles are first flipped to the side of one of these. They are
-    zero at vertices without triangles of positive area.
+    edge between such triangles, all normals are first flipped to the side of one triangle. The result is zero at
+    vertices without triangles of positive area.
     """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     twice_area = np.cross(b - a, c - a)
     at_corners = np.repeat(twice_area, 3, axis=0)  # (3 t, 3)
     vertices = triangles.ravel()
     directed, times = np.unique(vertices * len(points) + np.roll(triangles, -1, axis=1).ravel(), return_counts=True)
-    on_edge = np.zeros(len(points), dtype=bool)  # of two triangles that traverse it in the same direction
+    on_edge = np.zeros(len(points), dtype=bool)  # ends of edges that two triangles traverse in the same direction
     on_edge[np.concatenate(np.divmod(directed[times > 1], max(len(points), 1)))] = True
     misaligned = np.flatnonzero(on_edge[vertices])
     if len(misaligned):

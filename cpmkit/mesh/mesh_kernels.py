@@ -78,7 +78,7 @@ def join_corners(cells: Ints, of_cells: Ints, barred: Bools) -> Ints:
 
 @compiled
 def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
-    """Return the factor (m,) int8, 1 or -1, that orients each cell like its neighbours, 0 where neither does.
+    """Return the factor (m,) int8, 1 or -1, that orients each cell like its neighbours, 0 if this is impossible.
 
     Cells connected over facets form sets (union-find); each cell stores its orientation relative to its parent. The
     factor is 0 beside facets of exactly two cells that stay oriented differently. ``facets`` (m, k) are the numbers,
@@ -119,7 +119,7 @@ def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
 def _facet_direction(cells: Ints, cell: int, j: int) -> int:
     """Return the direction, 1 or -1, in which the cell of number ``cell`` in ``cells`` traverses its facet ``j``.
 
-    It is different for two cells on both sides of a facet that are oriented alike.
+    Two cells that share a facet and are oriented alike traverse it in opposite directions.
     """
     k = cells.shape[1]
     if k == 2:
@@ -281,7 +281,7 @@ def split_triangles(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats)
 def cut_needles(
     corners: Ints, chains: Ints, parts: Ints, ends: Ints, divided: Ints, first: Ints, vertices: Floats
 ) -> Ints:
-    """Return the triangles (k, 3), oriented like the needles, into which these are cut between their two long edges.
+    """Return the triangles (k, 3), oriented like the needles, into which needles are cut across their long edges.
 
     ``corners`` (m, 3): the tip first.
     ``chains``, ``parts`` (m, 2): the edges from the tip to the second and to the third corner, and the number of parts

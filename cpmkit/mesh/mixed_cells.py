@@ -45,9 +45,9 @@ def renumber_cells(cells: Ints, number: Ints) -> Ints:
 
 
 def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
-    """Return the edges (e, 2) of triangles, segments or points ``cells``, without padding, and those (m, c) of each.
+    """Return the distinct edges (e, 2) of ``cells`` (m, k) of one dimension, and the edges (m, c) of each cell.
 
-    Edge k of a cell joins its corners k and k + 1; a segment has one edge, a point none. ``count``: of the vertices.
+    Edge j of a cell joins its corners j and j + 1; a segment has one edge, a point none. ``count`` vertices exist.
     """
     edges = Connectivity(cells, count).edges
     return edges.ends, np.roll(edges.of_cells, 1, axis=1)
@@ -79,9 +79,9 @@ def member_dimensions(surface: ClosestPointSource) -> list[int]:
 
 
 def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> Ints:
-    """Return those of a surface's mesh ``cells`` (n, k), padded with -1, that have dimension ``dim``, as (m, dim + 1).
+    """Return the ``cells`` (n, k) of a surface's mesh, padded with -1, that have dimension ``dim``, as (m, dim + 1).
 
-    Raises InputError if the mesh has cells of a dimension that no member has (a solid's boundary), or none of this one.
+    Raises InputError if the mesh has cells of a dimension that no member has (a solid's boundary), or none of ``dim``.
     """
     dimensions = {corners - 1 for corners in (1, 2, 3) if len(cells_with_corners(cells, corners))}
     if dim not in dimensions or not dimensions <= {member.manifold_dim for member in members_of(surface)}:
@@ -97,8 +97,8 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
 def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[Floats, Ints]:
     """Return attributes (v', w) and cells (m', k) of a mesh with edges halved until none is longer than ``longest``.
 
-    The given vertices come first; neighbouring triangles share middles. Triangles come before segments, points last.
-    ``attributes`` (v, w): the first ``dim``, 2 or 3, columns are positions; the middle of an edge has the mean of all.
+    The given vertices come first; neighbouring triangles share midpoints. Triangles come before segments, points last.
+    ``attributes`` (v, w): the first ``dim``, 2 or 3, columns are positions; all are averaged at midpoints of edges.
     ``cells`` (m, k): triangles, segments and points; shorter rows end in -1.
     ``longest``: longest edge, in the unit of the positions.
     """
@@ -167,21 +167,21 @@ CROSSED_EDGE_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class CutCells:
-    """Cells of mixed dimension after some cuts; ``attributes`` are points and normals, both interpolated by a cut."""
+    """Cells of mixed dimension after some cuts along boundaries; cuts interpolate ``attributes``."""
 
-    attributes: Floats  # (v, d) or (v, 2 d)
-    sides: Ints  # (v, boundaries): 1 left, -1 right, 0 not on that boundary
+    attributes: Floats  # (v, d) or (v, 2 d): points, and normals if any
+    sides: Ints  # (v, boundaries): 1 left, -1 right, 0 for vertices not on that boundary
     cells: Ints  # (m, k): triangles, segments and points, shorter rows end in -1
 
 
 def cut_by_distance(
     pieces: CutCells, boundary: int, distance: Floats, dim: int, curve: ClosestPointSource, spacing: float
 ) -> CutCells:
-    """Return a mesh to draw: the cells that a boundary crosses are split, and vertices are separate on its two sides.
+    """Return a mesh to draw, with cells split where a boundary crosses them, and separate vertices on its two sides.
 
-    ``pieces``: the mesh before the cut. Its triangles in which the boundary ends stay whole.
+    ``pieces``: the mesh before the cut. Triangles in which the boundary ends stay whole.
     ``boundary``: the boundary's column in ``pieces.sides``.
-    ``distance`` (v,): signed distance of the vertices from it, positive on the left, NaN where a vertex has no side.
+    ``distance`` (v,): signed distances of vertices from the boundary, positive on the left, NaN without a side.
     ``dim``: 2 or 3. ``curve``: the boundary.
     ``spacing``: spacing of the solution, the unit of :data:`ON_CURVE_SPACINGS`.
     """
@@ -224,9 +224,8 @@ def _crossed_edges(points: Floats, edges: Ints, distance: Floats, sign: Floats, 
     """Return which of ``edges`` (e, 2) the boundary ``curve`` crosses, (e,).
 
     ``distance``, ``sign`` (v,) are the signed distances of the ``points`` (v, d), and their signs: 0 on the boundary,
-    NaN where there is no side. Opposite signs at the ends are not enough: they also occur across the tangent plane on
-    another sheet, and half way between two arms of a curve, where the nearest arm changes: the zero of the distance is
-    not near the curve.
+    NaN where there is no side. Opposite signs at the ends do not suffice: the zero of the distance must be near the
+    curve. Signs also differ across the tangent plane on another sheet, and halfway between two arms of a curve.
     """
     a, b = edges.T
     crossed: Bools = sign[a] * sign[b] < 0
@@ -294,7 +293,7 @@ def _cut_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) 
 
 
 def _side_of_cells(cells: Ints, sign: Floats) -> Floats:
-    """Return the side (m,) of each cell: a ``sign`` (v,), 1 or -1, at a corner, if the opposite is at none, else 0."""
+    """Return the side (m,) of each cell: 1 or -1 if only this ``sign`` (v,) occurs at its corners, else 0."""
     signs = np.nan_to_num(sign[cells])
     left, right = (signs > 0).any(axis=1), (signs < 0).any(axis=1)
     return np.where(left == right, 0.0, np.where(left, 1.0, -1.0))

@@ -1,4 +1,4 @@
-"""Edges of a mesh split where the parts of a boundary meet, so that no edge lies in two of them."""
+"""Edges of a mesh split where the parts of a boundary meet, so that no edge lies in two parts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import halve_edges, split_segments
 from cpmkit.types import Floats, Ints
 
-#: Parts that meet nearer to an end of an edge than this share of it are taken to meet at the end.
+#: Parts that meet nearer to an end of an edge than this share of its length count as meeting at the end.
 LEAST_SHARE = 0.01
 #: Bisections of an edge: to rounding.
 BISECTIONS = 50
@@ -24,8 +24,9 @@ PartAt = Callable[[Floats], Ints]
 def split_at_parts(mesh: Mesh, edges: Ints, part_at: PartAt, geometry: CellGeometry, source: LocalSource) -> Mesh:
     """Return a flat mesh with ``edges`` (k,), or segments, ascending, split where the part changes along them.
 
-    An edge whose ends lie in one part stays whole, and so do all edges of cells curved from normals. Cells that are
-    curved by closest points on the ``source``, by ``geometry``, have parts where these points have them.
+    ``part_at`` gives the part of a boundary at a point. An edge whose ends lie in one part stays whole, and so do all
+    edges if ``geometry`` is "normals". If it is "closest_point", the part of a point is that of its closest point on
+    the ``source``.
     """
     if geometry == "normals":
         return mesh

@@ -1,8 +1,9 @@
 """Kernels that find on which side of a component of the skin a point lies, and the moments of upper faces of cells.
 
-A `Geometry` has all pieces, segments or convex polygons in one lattice cell: those of component c are
-``order[piece_starts[c] : piece_starts[c + 1]]``. Piece p has the ``corners`` from ``starts[p]`` on, the integral
-``normals[p]`` of its outward normal, and the mean ``middles[p]`` of its corners.
+A piece is a segment or convex polygon of the skin in one lattice cell, and a component a connected set of pieces in one
+cell. In a `Geometry` component c has the pieces ``order[piece_starts[c] : piece_starts[c + 1]]``. Piece p has the
+``corners`` from ``starts[p]`` on, the integral ``normals[p]`` of its outward normal, and the mean ``middles[p]`` of its
+corners.
 """
 
 from __future__ import annotations
@@ -22,18 +23,19 @@ Geometry: TypeAlias = tuple[Ints, Ints, Floats, Ints, Floats, Floats]
 IN_FACE = 1e-7
 #: A point within this distance of a piece, in spacings, lies on it.
 ON_PIECE = 1e-9
-#: Crossings of a way nearer to each other than this share of it are at one point: pieces on both sides of a boundary.
+#: Crossings of a segment nearer to each other than this share of it are at one point, of two pieces on a boundary
+#: inside.
 SAME_CROSSING = 1e-9
-#: Components are tested at this distance, in spacings, on their inner side: another may lie upon them.
+#: Components are tested at this distance, in spacings, on their inner side, since another component may lie upon them.
 INSIDE_PIECE = 3e-9
-#: Of an inner side with a volume nearer than this to zero or to that of the cell, the middle of the cell says which.
+#: If the volume of an inner side is nearer than this to zero or to that of the cell, the centre of the cell decides.
 DOUBTFUL_VOLUME = 1e-5
 GAUSS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(MOMENTS))
 
 
 @compiled
 def contains(piece: int, x: Floats, geometry: Geometry) -> bool:
-    """Return whether ``piece`` contains the point ``x`` (d,) of its plane or line."""
+    """Return whether ``piece`` contains a point ``x`` (d,) of its plane or line."""
     _, _, corners, starts, normals, _ = geometry
     d, first, last = len(x), starts[piece], starts[piece + 1]
     for k in range(first, last):
@@ -56,10 +58,11 @@ def contains(piece: int, x: Floats, geometry: Geometry) -> bool:
 
 @compiled
 def is_inside(point: Floats, c: int, geometry: Geometry) -> bool:
-    """Return whether ``point`` (d,) lies on the inner side of component ``c``: by the first piece on a way to it.
+    """Return whether ``point`` (d,) lies on the inner side of component ``c``.
 
-    The way leads to the middle of the piece that is best seen from the point; it stays in the cell, which is convex.
-    Points on the component count as inside. Of two pieces at one place that with the point on its inner side counts.
+    The first piece on a segment from the point to the component decides; the segment leads to the centre of the piece
+    that faces the point most directly. Points on the component count as inside. Of two pieces at one place, the one
+    that has the point on its inner side counts.
     """
     order, piece_starts, _, _, normals, middles = geometry
     d = len(point)
@@ -106,10 +109,11 @@ def is_inside(point: Floats, c: int, geometry: Geometry) -> bool:
 def group_components(
     component_starts: Ints, part: Ints, is_inner: Bools, side_starts: Ints, geometry: Geometry
 ) -> Ints:
-    """Fill ``part`` (k,) with the number of the part of its cell that each component bounds; return the counts (c,).
+    """Fill ``part`` (k,) with the number, within its cell, of the part of the solid that each component bounds.
 
-    The components of cell r are ``component_starts[r]`` to ``component_starts[r + 1]`` - 1. ``is_inner`` is filled from
-    ``side_starts[r]`` on, for cells with several: entry n i + j is whether component j is on the inner side of i.
+    Returned are the numbers of parts (c,) of the cells. The components of cell r are ``component_starts[r]`` to
+    ``component_starts[r + 1]`` - 1. ``is_inner`` is filled from ``side_starts[r]`` on, for cells with n > 1 components:
+    entry n i + j is whether component j is on the inner side of component i.
     """
     order, piece_starts, _, _, normals, middles = geometry
     cells = len(component_starts) - 1
@@ -181,11 +185,12 @@ def parts_at(
 
 @compiled
 def add_upper_faces(components: Ints, cells: Ints, moments: Floats, geometry: Geometry) -> None:
-    """Add to ``moments`` (n, 5, 5^(d-1)) those of the upper face of ``cells`` (n, d) on the inner side of components.
+    """Add to ``moments`` (n, 5, 5^(d-1)) those of the upper faces of ``cells`` (n, d) on inner sides of ``components``.
 
-    The divergence theorem is applied along axis 1 in the face, and along axis 2 in its upper edge: there the component
-    has segments, and points; the upper corner is on its inner side or not. If it is, the volume would be negative
-    without it. ``moments`` have the integrals over the components, whose numbers are ``components`` (n,).
+    ``components`` (n,) are numbers; ``moments`` already have the integrals over them. The divergence theorem is applied
+    along axis 1 in the face, which a component meets in segments, and along axis 2 in the upper edge of the face, which
+    it meets in points. The upper corner is on the inner side of the component or not; without that term the volume
+    might be negative.
     """
     order, piece_starts, corners, starts, normals, _ = geometry
     d = cells.shape[1]

@@ -1,8 +1,8 @@
-"""The sectors around the facets of a closed oriented mesh, some of whose cells lie upon each other.
+"""The sectors of a solid around the facets of its closed oriented mesh, in which cells may lie upon each other.
 
-A boundary inside a solid is covered by two cells of a mesh, with opposite normals. Around a facet, a vertex of segments
-or an edge of triangles, the cells bound sectors of the solid: one where the boundary ends, two in its interior or where
-it ends on the skin, four where two boundaries cross. Two cells are connected if they bound one sector.
+A boundary inside a solid is covered by two cells of the mesh, with opposite normals. Around a facet, a vertex of
+segments or an edge of triangles, the cells bound sectors of the solid: one where the boundary ends, two in its interior
+or where it ends on the skin, four where two boundaries cross. Two cells are connected if they bound one sector.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from cpmkit.types import Bools, Floats, Ints
 
 
 def sector_facets(mesh: Mesh) -> tuple[Ints, Bools]:
-    """Return numbers (m, k) of the sectors at the facet opposite to each corner of the cells, and which are not closed.
+    """Return the number (m, k) of the sector at the facet opposite to each corner of the cells, and whether it is open.
 
     ``mesh`` has flat cells: segments with the inside on their left, or triangles counterclockwise from outside. A
-    sector (m, k) is not closed if the cell that follows around its facet has its inside on the other side.
+    sector is open, (m, k), if the cell that follows around its facet has its inside on the other side.
     """
     numbers = mesh.connectivity.facet_numbers
     angles, is_ahead = _angles(mesh)
@@ -38,7 +38,7 @@ def sector_facets(mesh: Mesh) -> tuple[Ints, Bools]:
 
 
 def crossed_vertices(mesh: Mesh) -> Ints:
-    """Return the vertices (k,) of triangles at which some cross: the orders around edges there contradict each other.
+    """Return the vertices (k,) at which triangles cross: the orders of triangles around edges contradict each other.
 
     On a small sphere around a vertex triangles are arcs between the points of edges. The orders of arcs around points
     give the outlines of the regions between them, whose number follows from Euler's formula if no arcs cross.
@@ -72,7 +72,7 @@ def crossed_vertices(mesh: Mesh) -> Ints:
 def _angles(mesh: Mesh) -> tuple[Floats, Bools]:
     """Return the angle (m, k) of each cell around the facet opposite to each corner, and whether its inside is ahead.
 
-    Ahead is the sense in which angles grow, which is the same for all cells at a facet.
+    Ahead is the direction of growing angles, which is the same for all cells at a facet.
     """
     corners = mesh.vertices[mesh.cells]
     if mesh.dim == 2:  # the facet opposite to the first corner is the end, from which the left is behind

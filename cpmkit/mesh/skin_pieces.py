@@ -18,8 +18,8 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Bools, Floats, Ints
 
-#: Coordinates nearer to a knot plane than this, in spacings, are set to it; those of segments, which are split at
-#: planes to a millionth of their length, if nearer than the second number.
+#: Coordinates nearer to a knot plane than this, in spacings, are set to the plane; for segments, which are split at
+#: planes to a millionth of their length, the second number is used.
 SNAPPED_SPACINGS, SNAPPED_SEGMENT_SPACINGS = 1e-10, 1e-6
 #: Pieces of triangles smaller than this, in squared spacings, are left out: rounding.
 LEAST_PIECE = 1e-13
@@ -27,8 +27,8 @@ LEAST_PIECE = 1e-13
 MOST_CORNERS = 12
 #: In triangles with a box smaller than this, in spacings, a rule of degree 2 with three points is enough.
 SMALL_SPACINGS = 0.05
-#: A rule of degree 6 on a triangle (Dunavant 1985): of each group of its points the first two barycentric coordinates,
-#: the number of points, which have these in any order, and the weight of each.
+#: A rule of degree 6 on a triangle (Dunavant 1985): for each group of points two barycentric coordinates, the number of
+#: points, which have these coordinates in any order, and the weight of each point.
 DEGREE_SIX = (
     (0.249286745170910, 0.249286745170910, 3, 0.116786275726379),
     (0.063089014491502, 0.063089014491502, 3, 0.050844906370207),
@@ -39,8 +39,8 @@ DEGREE_SIX = (
 def triangle_rule(exact: bool) -> tuple[Floats, Floats]:
     """Return the barycentric coordinates (r, 3) and the weights (r,), with sum 1, of a rule on triangles.
 
-    It has degree 6 and 12 points if ``exact``: then linear functions are reproduced to rounding. On the flat facets of
-    a curved skin the degree 4, with 6 points, is enough.
+    If ``exact``, the rule has degree 6 and 12 points, so that linear functions are reproduced to rounding. On the flat
+    facets of a curved skin the degree 4, with 6 points, is enough.
     """
     orders = np.array([(0, 1, 2), (1, 2, 0), (2, 0, 1), (1, 0, 2), (0, 2, 1), (2, 1, 0)])
     table = DEGREE_SIX if exact else [(a, a, 3, w) for a, w in TRIANGLE_RULE]
@@ -54,7 +54,7 @@ class SkinPieces:
     """Pieces of the skin, each in one lattice cell."""
 
     cell: Ints  #: (m, d): the lattice cell of each piece.
-    facet: Ints  #: (m,): the cell of the mesh that contains it.
+    facet: Ints  #: (m,): the cell of the skin's mesh that contains each piece.
     in_face: Bools  #: (m,): whether the piece lies in a face of its cell.
     corners: Floats  #: (k, d): the corners of all pieces, one after the other.
     corner_starts: Ints  #: (m + 1,): where the corners of each piece start.
@@ -185,7 +185,7 @@ def split_polygon(
 
 @compiled
 def area_along(polygon: Floats, count: int, normal: Floats) -> float:
-    """Return twice the area of a convex polygon (count, 3) times the length of a ``normal`` (3,) that it has."""
+    """Return twice the area of a convex polygon (count, 3) times the length of its ``normal`` (3,)."""
     area = 0.0
     for k in range(1, count - 1):
         a, b, c = polygon[k, 0] - polygon[0, 0], polygon[k, 1] - polygon[0, 1], polygon[k, 2] - polygon[0, 2]
@@ -200,7 +200,7 @@ def area_along(polygon: Floats, count: int, normal: Floats) -> float:
 def find_cell(polygon: Floats, count: int, normal: Floats, cell: Ints) -> bool:
     """Fill ``cell`` (3,) with the lattice cell of a polygon (count, 3); return whether it lies in a face of the cell.
 
-    Of two cells with this face it is that on the inner side, from which the ``normal`` (3,) points away.
+    Of two cells with this face the cell on the inner side is taken, from which the ``normal`` (3,) points away.
     """
     in_face = False
     for i in range(3):
@@ -219,9 +219,9 @@ def find_cell(polygon: Floats, count: int, normal: Floats, cell: Ints) -> bool:
 def clip_triangles(nodes: Floats) -> tuple[Floats, Ints, Ints, Ints, Bools, Ints]:
     """Return the convex parts of triangles ``nodes`` (t, 3, 3) in lattice cells.
 
-    Returned are the corners (k, 3) of m polygons, where those of each start (m + 1,), the triangle of each (m,), its
-    edges among those of the triangle (m,), bit j for the edge opposite to corner j, whether it lies in a face of its
-    cell (m,), and the cell (m, 3).
+    Returned for m polygons are the corners (k, 3), the first corner (m + 1,) of each, its triangle (m,), its edges on
+    those of the triangle (m,), with bit j for the edge opposite to corner j, whether (m,) it lies in a face of its
+    cell, and the cell (m, 3).
     """
     room, most = 16, 64
     corners, starts = np.empty((most, 3)), np.zeros(room + 1, dtype=np.int64)

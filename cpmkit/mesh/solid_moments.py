@@ -99,7 +99,7 @@ def sum_columns(column: Ints, below: Floats, above: Floats) -> None:
 
 
 def sums_above(cells: Ints, axis: int, values: Floats) -> Floats:
-    """Return the sums (c, k) of ``values`` (c, k) over the ``cells`` (c, d) above each along ``axis``."""
+    """Return for each of ``cells`` (c, d) the sum (c, k) of ``values`` over the cells above it along ``axis``."""
     others = np.delete(cells, axis, axis=1)
     order = np.lexsort([cells[:, axis], *others.T])
     column = np.cumsum(np.r_[True, (np.diff(others[order], axis=0) != 0).any(axis=1)])
@@ -152,7 +152,7 @@ def moments_of(pieces: SkinPieces, table: CellTable) -> tuple[Floats, Floats]:
 
 
 def gauss_weights(moments: Floats) -> Floats:
-    """Return the weights (c, 5^d) on the Gauss points of cells, in units of their volume, that have the ``moments``."""
+    """Return the weights (c, 5^d) of Gauss points of cells, over the cell's volume, that reproduce the ``moments``."""
     d = 2 if moments.shape[2] == MOMENTS else 3
     points, weights = gauss_points(MOMENTS, d)
     values = np.polynomial.polynomial.polyval(points, LEGENDRE.T)  # (a, g, axis)

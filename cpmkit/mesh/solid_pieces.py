@@ -26,7 +26,7 @@ from cpmkit.types import Bools, Floats, Ints
 LEAST_FACE = 1e-9
 #: The volume of the parts of a cell may exceed that of the solid in it by this share of the cell: rounding.
 LARGEST_SURPLUS = 1e-6
-#: Faces of cells are tested so far from their middles, in spacings: boundaries inside may pass through the middles.
+#: Faces of cells are tested at this offset from their centres, in spacings: boundaries inside may contain the centres.
 OFF_MIDDLE = (0.0173, 0.0411, 0.0297)
 #: The factors of the moments of fine and coarse facets of a curved skin: those of Richardson's extrapolation.
 FINE, COARSE = 4 / 3, -1 / 3
@@ -34,7 +34,7 @@ FINE, COARSE = 4 / 3, -1 / 3
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """The connected components of the pieces of a skin in single cells, and the parts of the solid that they bound."""
+    """The connected components of the pieces of a skin in single lattice cells."""
 
     of_piece: Ints  #: (m,): the component of each piece, -1 for those in faces.
     row: Ints  #: (k,): the row in the table of the cell of each component, ascending.
@@ -71,17 +71,17 @@ class SolidPatches:
     """The parts of a solid in lattice cells: first those in cells that the skin cuts, then full cells."""
 
     pieces: SkinPieces  #: The skin.
-    table: CellTable  #: The cells that it cuts.
-    components: Components  #: Its components in these.
-    #: (k,): the number of the part of its cell that each component bounds.
+    table: CellTable  #: The cells that the skin cuts.
+    components: Components  #: The components of the skin in these cells.
+    #: (k,): the number, within its cell, of the part of the solid that each component bounds.
     part: Ints
-    #: is_inner, side_starts (s,), (c + 1,): of each cell with several components, whether component j lies on the inner
-    #: side of component i, row by row.
+    #: is_inner, side_starts (s,), (c + 1,): for each cell with several components, whether component j lies on the
+    #: inner side of component i, row by row, and where the entries of each cell start.
     is_inner: Bools
     side_starts: Ints
     patch_starts: Ints  #: (c + 1,): the first patch of each cell of the table.
     full: Ints  #: (f, d): the cells inside the solid.
-    merged: Bools  #: (c,): whether the parts of a cell are taken as one, since their volumes were wrong.
+    merged: Bools  #: (c,): whether the parts of a cell were merged, since their volumes were wrong.
 
     @property
     def cut(self) -> int:
@@ -139,8 +139,8 @@ class SolidPatches:
     def moments(self, coarse: SkinPieces | None = None) -> tuple[Floats, Floats]:
         """Return the moments (k, 5, 5^(d-1)) of the patches in cut cells, and the sums (c,) over columns of cells.
 
-        With the ``coarse`` pieces of a curved skin they are extrapolated, unless this changes the volume of a patch by
-        more than half: a cell that the skin grazes would have a negative one.
+        With the ``coarse`` pieces of a curved skin the moments are extrapolated, unless this changes the volume of a
+        patch by more than half: the volume of a cell that the skin grazes would become negative.
         """
         cells = self.table.cells
         moments, total = moments_of(self.pieces, self.table)
@@ -174,10 +174,10 @@ class SolidPatches:
         return of_patches, total
 
     def _matches(self, chosen: Ints, coarse: SolidPatches) -> tuple[Ints, Ints]:
-        """Return those patches (k,) among ``chosen`` that coarse facets bound too, and their numbers (k,) there.
+        """Return the patches (k,) among ``chosen`` that match a patch of ``coarse``, and the numbers (k,) of these.
 
-        The facets of this skin are those of a division of the coarse ones, with the numbers of these modulo their
-        number. Two patches of one cell match if they have facets of one coarse one, and both match no other patch.
+        Each coarse facet is divided into several facets of this skin, whose numbers are equal to its own modulo the
+        number of coarse facets. Two patches of one cell match if they share a coarse facet, and match no other patch.
         """
         count = int(coarse.pieces.facet.max(initial=-1)) + 1
         codes = []
@@ -202,7 +202,7 @@ class SolidPatches:
         return np.asarray(self.face_shares[0][:, 0] + own)
 
     def has_wrong_volume(self) -> Bools:
-        """Return for each cut cell (c,) whether the volumes of its parts, if several, do not add up to the solid's.
+        """Return whether (c,) the volumes of several parts of each cut cell do not add up to the solid's volume.
 
         This happens where the skin lies within rounding of a face of the cell and crosses the face many times.
         """
@@ -239,7 +239,7 @@ class SolidPatches:
         return np.concatenate([*self._pairs_across_faces(), *self._pairs_along_skin()])
 
     def _pairs_across_faces(self) -> Iterator[Ints]:
-        """Yield pairs of patches of cells with a common face, where both have one part, or the solid has all of it."""
+        """Yield pairs of patches of cells with a common face: both cells have one part, or the face is all inside."""
         (table, first), cut = self.all_cells, self.table.find(self.all_cells[0].cells)
         single = (cut < 0) | (np.diff(self.patch_starts)[cut] == 1)
         for axis, step in enumerate(np.eye(table.cells.shape[1], dtype=np.int64)):
@@ -257,7 +257,7 @@ class SolidPatches:
             yield np.stack([side[found] for side in pair], axis=1)
 
     def _pairs_along_skin(self) -> Iterator[Ints]:
-        """Yield pairs of patches in adjacent cells, bounded by one cell of the skin's mesh or two with one facet."""
+        """Yield pairs of patches in adjacent cells that are bounded by the same cell of the skin, or two neighbours."""
         pieces, count = self.pieces, len(self.table.cells)
         own = np.stack([np.arange(len(pieces.cell)), pieces.facet], axis=1)
         for piece, facet in (entries[~pieces.in_face[entries[:, 0]]].T for entries in (own, pieces.bounds)):

@@ -1,9 +1,9 @@
 """Subdivision until no edge is long: segments in equal parts and at knot planes, triangles by halving their edges.
 
 Needles are triangles with one short edge and two long ones, as in meshes of machine parts. Halving k times would leave
-3^k pieces as slender as the needle; they are cut across at once into 2^(k + 1) - 1 pieces of better shape. Their long
-edges are divided where halving would divide them, and all these vertices are created beforehand, so that triangles that
-are halved later find them.
+3^k pieces as slender as the needle; needles are cut across at once into 2^(k + 1) - 1 pieces of better shape. Their
+long edges are divided where halving would divide them, and all these vertices are created beforehand, so that
+neighbouring triangles, which are halved later, use the same vertices.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cpmkit.manifold.vector_algebra import dots
 from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.types import Bools, Floats, Ints
 
-#: An edge is long if it is longer than ``length`` by more than this share: more than needles leave undivided, so that
+#: An edge is long if it is longer than ``length`` by more than this share: more than the tolerance for needles, so that
 #: the triangles on both sides of an edge agree whether a half of it is long.
 SAME_LENGTH_SHARE = 1e-8
 #: A triangle is a needle if its longest edge is longer than so many times its shortest edge and the wanted length.
@@ -33,7 +33,7 @@ SAME_CROSSING_SHARE = 1e-6
 def subdivide(mesh: Mesh, length: float) -> Mesh:
     """Return the mesh with no edge longer than ``length``: triangles by halving edges, segments in equal parts.
 
-    Neighbours share the middles of their edges. Both halves of an edge on a boundary lie on it, in its direction.
+    Neighbours share the midpoints of edges. Both halves of an edge on a boundary lie on the boundary, in its direction.
     Needles are cut across first; then all edges that are too long are halved at once, until none is left.
     ``mesh``: flat cells. ``length``: longest edge, in the unit of the vertices.
     """
@@ -50,10 +50,10 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
 
 
 def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: tuple[Ints, Ints] | None = None) -> Mesh:
-    """Return the triangles with edges halved at their middles until ``is_long`` marks no edge (e,) of the mesh.
+    """Return the triangles with edges halved at their midpoints until ``is_long`` marks no edge (e,) of the mesh.
 
-    ``halves`` are edges whose middles are vertices of the mesh already, because a needle beside them was cut: the
-    ascending codes (k,) of the edges (:func:`_edge_codes`), and their middles (k,).
+    ``halves`` are edges whose midpoints are vertices of the mesh already, because a needle beside them was cut: the
+    ascending codes (k,) of the edges (:func:`_edge_codes`), and their midpoints (k,).
     """
     while (long := is_long(mesh)).any():
         ends = mesh.edges.ends
@@ -68,9 +68,9 @@ def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: tuple
 
 
 def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
-    """Return the mesh of flat triangles with chosen edges, and the facets on boundaries with them, halved.
+    """Return the mesh of flat triangles with chosen edges halved, and with them the facets on boundaries.
 
-    ``middle`` (e,): the vertex in the middle of each edge, -1 for edges that stay whole.
+    ``middle`` (e,): the vertex at the midpoint of each edge, -1 for edges that stay whole.
     ``points`` (k, d): positions of the new vertices: the vertices in ``middle`` that the mesh does not have yet.
     """
     from cpmkit.mesh import mesh_kernels
@@ -88,13 +88,12 @@ def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
 
 
 def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floats:
-    """Return the share (f,) of its height that each edge keeps once edges are halved, from the shares before.
+    """Return the height factor (f,) of each edge (:attr:`~cpmkit.mesh.mesh.CurvatureSupport.share`) after halving.
 
-    The height is that of a surface above the edge (:class:`~cpmkit.mesh.mesh.CurvatureSupport`). Both halves of
-    an edge have its share, an edge between two middles that of the edge it is parallel to, an edge from a middle to the
-    opposite corner the lesser of the shares of the two edges that met at this corner.
-    ``edges``, ``of``: the edges before and after halving. ``share`` (e,): the shares before.
-    ``middle`` (e,): the vertex in the middle of each edge, -1 where it stayed whole; middles follow the old vertices.
+    Both halves of an edge have its factor. An edge between two midpoints has the factor of the edge to which it is
+    parallel, an edge from a midpoint to the opposite corner the lesser of the factors of the two edges at that corner.
+    ``edges``, ``of``: the edges before and after halving. ``share`` (e,): the factors before.
+    ``middle`` (e,): the vertex at the midpoint of each edge, -1 if it stayed whole; these follow the old vertices.
     """
     if (share == 1.0).all():
         return np.ones(len(of.ends))
@@ -156,8 +155,8 @@ class _DividedEdges:
 def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, tuple[Ints, Ints] | None]:
     """Return the mesh with needles cut across, and the edges that this halved, as :func:`halve_long_edges` takes them.
 
-    Pieces are up to as long, and at least half as long, as the longer of ``length`` and the needle's short edge. If
-    there is no needle, the mesh and None are returned.
+    The length of a piece is between half and all of the larger of ``length`` and the needle's short edge. If there is
+    no needle, the mesh and None are returned.
     """
     from cpmkit.mesh import mesh_kernels
 
@@ -217,7 +216,8 @@ def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
 def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None = None) -> Mesh:
     """Return the mesh with segments split at the knot planes of the splines, x = (k + 1/2) spacing along any axis.
 
-    Otherwise samples of one segment would lie in several lattice cells, and the error would not fall with the spacing.
+    Without splits the samples of a segment would lie in several lattice cells, and errors would not fall with the
+    spacing.
 
     ``mesh``: flat segments. ``spacing``: h, in the unit of the vertices.
     ``source``: the curve: if given, the split points are where the curve crosses the planes, else where its chords do.

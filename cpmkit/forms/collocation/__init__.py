@@ -1,1 +1,1 @@
-"""The paper's closest point method: a scene laid out on a band (sheets, boundaries, ghosts), and its matrices."""
+"""The closest point method of King et al. (2024): the layout of a scene on a band, and its matrices."""

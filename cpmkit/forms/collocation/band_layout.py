@@ -1,8 +1,8 @@
 """The layout of a scene (unknowns at band nodes and ghosts, formulas of their rows), and the matrix of these rows.
 
-The layout is made before the matrices, and nearly all closest point queries of a discretization with it. The matrix
-interpolates the unknowns at points of the manifold, each read from its own side: the closest point extension E and the
-evaluation of a solution are this matrix.
+The layout is made before the matrices, with nearly all closest point queries of a discretization. The matrix
+interpolates the unknowns at points of the manifold, each point from its own side. The closest point extension E is such
+a matrix, and so is the matrix that evaluates a solution.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def _boundaries_and_node_formulas(
 ) -> tuple[BoundariesOnBand, RowFormula]:
     """Return the boundaries with the nodes' distances and sides, and the formulas by which the band's nodes read u.
 
-    A node past an edge reads its closest point, not its mirror point, if a boundary of uncoupled sides separates these.
+    A node past an edge reads its closest point, not its mirror point, if a boundary with uncoupled sides is between.
     """
     # King et al. (2024), section 4.6: boundaries within twice the reach of a stencil are found.
     formula, reach = node_formulas(surface, band, lattice, scene.edge, order), reading_radius(band.dim, band.degree)
@@ -121,8 +121,8 @@ def _boundaries_and_node_formulas(
 def _sources_of_nodes(boundaries: BoundariesOnBand, band: Band) -> RowFormula:
     """Return the formula by which the band's nodes read right-hand sides: at their closest points, on their own side.
 
-    A node whose closest point is almost on a boundary (not at an open end or past an edge) extrapolates from points
-    farther inside its side.
+    A node whose closest point is almost on a boundary (not at an open end or past an edge) extrapolates from points on
+    its side that are farther from the boundary.
     """
     points, coefficient, terms = band.feet.points.copy(), np.ones(len(band.nodes)), []
     for number, view in enumerate(boundaries.side_views):
@@ -148,7 +148,7 @@ def extension_matrix(
 
     ``unknowns``: unknowns of the band, whose order is that of the columns.
     ``points`` (n, d): points of the manifold, relative to the lattice's origin.
-    ``centres``: the side of each boundary, and the sheet, that each point is on.
+    ``centres``: the side of each boundary on which each point is, and its sheet.
     ``coefficient`` (n,): factor of each row, by default 1.
     ``progress``: called with the stage "tables" and the share of it that is done.
 
@@ -207,8 +207,8 @@ def _formula_of_rows(layout: Layout) -> RowFormula:
 def row_centres(layout: Layout, formula: RowFormula | None = None) -> Centres:
     """Return the centres of the stencils of all rows of E, with the side of each near boundary on which each lies.
 
-    If the band has sheets and the rows' ``formula`` is given, they include the feet that choose the sheet, and the
-    normals known so far.
+    If the band has sheets and the rows' ``formula`` is given, the centres include the feet by which the sheet is
+    chosen, and the normals known so far.
     """
     band, first = layout.band, layout.unknowns.first_rows
     owner = np.repeat(np.arange(-1, len(layout.ghosts)), np.diff(first, prepend=0))

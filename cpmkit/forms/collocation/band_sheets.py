@@ -6,8 +6,8 @@ A foot of a node is a point of the surface whose normal passes through the node;
 its feet. Every node of the band has a site with its closest point; where stencils of another sheet need the node too,
 it gets a twin, a further site at the same node with its foot on that sheet.
 
-The point of a boundary that is nearest in space may be on another sheet, too. For a point of the surface, only the part
-of the boundary on the point's own sheet counts: whether there is one within reach, and its nearest point.
+The nearest point of a boundary may be on another sheet, too. For a point of the surface, only the part of the boundary
+on the point's own sheet counts: whether that part is within reach, and its nearest point.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: Normals at two points of one sheet have at least this cosine.
 SAME_SHEET_COSINE = -0.4
-#: Feet farther from each other than this many spacings, along their mean normal, are on different sheets.
+#: Two feet are on different sheets if they are farther apart than this many spacings along their mean normal.
 SHEET_HEIGHT_SPACINGS = 0.5
-#: A point nearer to a foot than this many spacings counts as the same: the direction between them gives no normal.
+#: A node nearer to its foot than this many spacings counts as on the surface: the vector between gives no normal.
 ON_FOOT_SPACINGS = 0.1
 
 
@@ -42,12 +42,12 @@ def same_sheet(
 ) -> Bools:
     """Return whether (...) two surface points (..., d), given with their normals (..., d), are on one sheet.
 
-    On a smooth sheet the chord between two points is at right angles to the mean of their normals, up to the third
-    order of its length: so ``|chord . (n + n')| / 2`` is small for any curvature, while between parallel sheets it is
-    their distance. Across a crease it is at most ``|chord| |n - n'| / 2``, which is added to the tolerance of half a
-    ``spacing``. Normals that are not ``signed`` are turned to the same direction; others with a cosine below -0.4 are
-    on two sheets. A ``slope`` above zero increases the tolerance by that multiple of the chord, for points farther
-    apart than the width of a stencil.
+    On a smooth sheet the chord between two points is perpendicular to the mean of their normals, up to the third order
+    of its length: ``|chord . (n + n')| / 2`` is small for any curvature, while between parallel sheets it is their
+    distance. Across a crease it is at most ``|chord| |n - n'| / 2``, which is added to the tolerance of half a
+    ``spacing``. Normals that are not ``signed`` are first turned to the same direction; points whose signed normals
+    have a cosine below -0.4 are on two sheets. A ``slope`` above zero increases the tolerance by that multiple of the
+    chord, for points farther apart than the width of a stencil.
     """
     if not signed:
         along = dots(normals, other_normals)
@@ -63,7 +63,7 @@ def same_sheet(
 
 
 def has_signed_normals(source: LocalSource) -> bool:
-    """Return whether all members of a surface give normals of their own, whose sign is consistent everywhere."""
+    """Return whether all members of a surface provide normals, whose sign is consistent everywhere."""
     return all(member.has_normals for member in source.members)
 
 
@@ -97,7 +97,7 @@ class Sheets:
     normals: Floats  #: (n, d): unit normals at the feet.
     first: Ints  #: (n + 1,): ``twins[first[k]:first[k + 1]]`` are the twins of site k; a twin has none itself.
     twins: Ints  #: (t,): numbers of the sites that are twins.
-    mixed: Ints  #: (m,): sites whose stencils still read a node of another sheet, as it has no foot on their own.
+    mixed: Ints  #: (m,): sites whose stencils still read another sheet, at nodes without a foot on the sites' sheet.
 
     @property
     def signed(self) -> bool:
@@ -142,8 +142,8 @@ class Sheets:
         return same_sheet(feet, normals, self.feet.points[site], self.normals[site], self.spacing, self.signed)
 
 
-#: Below this cosine of their normals, height does not decide whether two points are on one sheet, unless they are
-#: within ``NEAR_BOUNDARY_SPACINGS`` spacings, on both sides of a crease.
+#: If the cosine of the angle between their normals is below this, the heights of two points do not decide whether they
+#: are on one sheet, unless they are within ``NEAR_BOUNDARY_SPACINGS`` spacings, on both sides of a crease.
 LEVEL_NORMALS_COSINE, NEAR_BOUNDARY_SPACINGS = 0.5, 4.0
 #: Number of nearest samples of a boundary that are tested for a point's own sheet.
 NEAREST_SAMPLES = 64
@@ -188,7 +188,7 @@ class BoundaryOnSheets:
     signed: bool  #: Whether the sign of the surface's normals is consistent everywhere.
 
     def find_feet(self, points: Floats, nearest: ClosestPoints, radius: float) -> tuple[ClosestPoints, Floats, Bools]:
-        """Return the points of the boundary nearest to ``points``, each on the sheet of its point.
+        """Return for each of ``points`` the nearest point of the boundary that is on the same sheet.
 
         ``points`` (n, d): points of the surface.
         ``nearest``: their closest points on the boundary, on any sheet.
@@ -213,8 +213,8 @@ class BoundaryOnSheets:
     def _offsets(self, base: SurfacePoints, targets: SurfacePoints) -> tuple[Floats, Bools]:
         """Return the vectors (n, d) from boundary points ``base`` to ``targets``, and whether (n,) they share a sheet.
 
-        Where the normals do not decide (at creases and sharp bends), they are on one sheet if a walk along the surface
-        from one reaches the other; the vector then has the walk's last direction and the length of the chord.
+        If the normals do not decide (at creases and sharp bends), the two points are on one sheet if a walk along the
+        surface from one reaches the other; the vector then has the walk's last direction and the length of the chord.
         """
         possible = same_sheet(
             base.points, base.normals, targets.points, targets.normals, self.spacing, self.signed, STEEP_CHORD_SHARE
@@ -236,7 +236,7 @@ class BoundaryOnSheets:
     def _is_level(self, feet: SurfacePoints, targets: SurfacePoints) -> Bools:
         """Return whether (n,) the points of a pair have the same height along their mean normal, as on a smooth sheet.
 
-        So have points on the two slopes of a ridge: where normals differ much, only close pairs are True.
+        Points on the two slopes of a ridge have the same height too: if normals differ much, only close pairs are True.
         """
         along = dots(feet.normals, targets.normals)
         other = targets.normals if self.signed else np.where(along[:, None] < 0, -targets.normals, targets.normals)
@@ -248,8 +248,8 @@ class BoundaryOnSheets:
     def _nearest_samples(self, targets: SurfacePoints, radius: float) -> tuple[ClosestPoints, Bools]:
         """Return the boundary's records of the sample nearest to each target on its sheet, and whether (n,) one exists.
 
-        Of the 64 nearest samples those within ``radius`` count; those at the target's height are preferred to those
-        beyond a bend. Where none exists, the record is that of any sample.
+        Of the 64 nearest samples those within ``radius`` count; samples at the target's height are preferred to samples
+        beyond a bend. If none exists, the record is that of any sample.
         """
         from scipy.spatial import cKDTree
 

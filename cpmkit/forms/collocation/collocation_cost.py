@@ -110,8 +110,8 @@ class CollocationCost(CostModel[CollocationOptions]):
     def _expected_queries(self, layouts: Sequence[Layout]) -> int:
         """Return the number of closest point queries at the spacing, extrapolated from three coarser ``layouts``.
 
-        Those of each source grow like ``a / h^m + ... + c`` with no term negative, m its dimension: points that define
-        the left of boundaries are queried besides nodes.
+        The queries of a source of dimension m grow like ``a / h^m + ... + c`` with no term negative. The constant is
+        due to points that define the left of boundaries.
         """
         from scipy.optimize import nnls
 
@@ -185,7 +185,7 @@ class CollocationCost(CostModel[CollocationOptions]):
 
 
 def _query_noise(layout: Layout) -> float:
-    """Return the largest distance by which closest points of up to 1000 nodes, none doubtful, move if queried again."""
+    """Return the largest distance between closest points of up to 1000 nodes and the closest points of these."""
     nodes = np.linspace(0, len(layout.band.nodes) - 1, PROBED_FEET).astype(np.int64)
     feet = layout.band.feet.take(np.unique(nodes))
     if feet.doubtful is not None:

@@ -102,7 +102,7 @@ class Discretization:
     def reading_matrix_of_law(self, law: type[Law]) -> SparseMatrix:
         """Return the matrix (rows, unknowns) that reads u in rows with data of a ``law``, times the data's factors.
 
-        Added to E with a factor lambda, it replaces these data by lambda u. It is zero if no row has such data.
+        Lambda times this matrix, added to E, replaces the data by lambda u. The matrix is zero if no row has such data.
         """
         from scipy.sparse import csr_array, diags_array
 
@@ -157,8 +157,8 @@ def tables_of_layout(layout: band_layout.Layout, progress: Progress = no_progres
 def make_read_only(matrix: SparseMatrix) -> SparseMatrix:
     """Return ``matrix``, one of the tables, after making its arrays read-only.
 
-    SciPy sorts the indices of an operand in place where it needs them sorted (``abs`` does): a matrix that shares the
-    arrays, or code that relies on the order in a row, would be wrong.
+    SciPy sorts the indices of an operand in place if it needs them sorted (``abs`` does); that would spoil a matrix
+    that shares the arrays, and code that relies on the order in a row.
     """
     for part in (matrix.data, matrix.indices, matrix.indptr):
         part.flags.writeable = False
@@ -184,9 +184,9 @@ def _difference_neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
 def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretization:
     """Return the tables of the scene ``old`` with the data of ``new``, which differs only in its equation and data.
 
-    Raises SceneError if a change affects the tables themselves: that of a diffusivity that a transmission uses, of data
-    of a condition without data in the tables (zero flux), or to different data where one condition object serves
-    several loops or sides; also SceneError or ResolutionError if :func:`check_layout` refuses the new data.
+    Raises SceneError if a change affects the tables themselves: a new diffusivity that a transmission uses, new data of
+    a condition without data in the tables (zero flux), or different data for loops or sides that shared one condition
+    object. Raises SceneError or ResolutionError if :func:`check_layout` refuses the new data.
     """
     laws = list(zip(_labelled_laws(old), _labelled_laws(new), strict=True))
     coupled = [law for (_, law), _ in laws if law.couples and None in law.factors]

@@ -26,7 +26,7 @@ from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms, VectorField
 from cpmkit.types import Floats, Ints, SparseMatrix
 
-#: Central differences oscillate where the ratio of advection over one spacing to diffusion is larger than this.
+#: Central differences oscillate if the ratio of advection over one spacing to diffusion is larger than this.
 MOST_CELL_PECLET = 2.0
 
 
@@ -51,7 +51,7 @@ class ExtensionOperator:
 
     @property
     def symmetric(self) -> bool:
-        """False: if the stencil of a node reads another node, the stencil of that node need not read the first."""
+        """False: if node i is in the stencil of node j, node j need not be in the stencil of node i."""
         return False
 
     def apply(self, u: Floats) -> Floats:
@@ -202,7 +202,8 @@ def _ghost_diffusivity(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Fl
     """Return the diffusivity a (g,) at ghosts, extrapolated along the line through the boundary and the mirror point.
 
     If the mirror point is nearer to the boundary than the point at which sources are read, it may be on either side
-    because of rounding; the line then goes through the latter point. ``log_at`` returns log a (k,) at points (k, d).
+    because of rounding; the line then goes through the point of sources. ``log_at`` returns log a (k,) at points (k,
+    d).
     """
     first = log_at(ghosts.sources.points)
     at_boundary = _add_log_terms(ghosts.sources.coefficient * first, ghosts.sources, log_at)

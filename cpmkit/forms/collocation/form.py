@@ -45,7 +45,7 @@ from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints, Progress, SparseMatrix, no_progress
 
-#: Number of times that initial ghosts are set by their formulas: near the boundary these read further ghosts.
+#: Number of times that initial ghosts are set by their formulas: near the boundary the formulas read other ghosts.
 GHOST_READING_ROUNDS = 3
 #: Share of the ghosts that may be on their boundary, where rounding decides which side they continue.
 ON_BOUNDARY_GHOSTS_SHARE = 0.05
@@ -107,14 +107,12 @@ class Collocation(Reader):
         check_terms(scene.problem.terms())
         return replace(self, scene=scene, tables=with_new_data(self.tables, self.scene, scene))
 
-    # Equations
-
     def stiffness(self, terms: Terms) -> ExtensionOperator:
-        """Return A of the ``terms``, with the conditions in the rows of ghosts; raises as :func:`build_operator`."""
+        """Return the operator A of the ``terms``; conditions are in the rows of ghosts. Raises as `build_operator`."""
         return build_operator(self.tables, terms)
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return ``f`` (n, channels) at the unknowns, at ghosts on the side that they continue; no ``time``: steady."""
+        """Return ``f`` (n, channels) at the unknowns at ``time``; ghosts read it on the side that they continue."""
         return self.tables.read_sources(f, "the right-hand side f", time)
 
     def condition_load(self, stiffness: Any, time: float | None = None, of: str = "value") -> Floats:
@@ -149,8 +147,6 @@ class Collocation(Reader):
         """Return the form with each of :attr:`state_fluxes` replaced by its tangent at its u (k,) in ``seen``."""
         return replace(self, tables=linearise_fluxes(self.tables, self.state_fluxes, seen))
 
-    # Values
-
     def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
         """Return the values (p, channels) of u (n, channels) at :attr:`points`, or (k, channels) at its ``rows``."""
         return u[self._on_manifold if rows is None else self._on_manifold[rows]]
@@ -158,9 +154,9 @@ class Collocation(Reader):
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
         """Return unknowns (n, channels) with ``values`` (p, channels) at :attr:`points`, continued by the conditions.
 
-        Ghosts and nodes past an edge follow from the conditions with data at ``time``. Their iteration starts from
-        ``start`` (n, channels), by default from the nearest node on the side that they continue: a ghost on its
-        boundary reads itself and keeps that value.
+        Values of ghosts and of nodes past an edge follow from the conditions with data at ``time``, by an iteration
+        that starts from ``start`` (n, channels), by default from the nearest node on the side that they continue: a
+        ghost on its boundary reads itself and keeps that value.
         """
         from scipy.spatial import cKDTree
 
@@ -178,7 +174,7 @@ class Collocation(Reader):
         return self._apply_formulas(u, self.tables.datum(time))
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
-        """Return ``function(u, points)`` (n, channels) for u (n, channels), at the points (n, d) that f is read at."""
+        """Return ``function(u, points)`` (n, channels), with the points (n, d) at which right-hand sides are read."""
         return function(u, self.tables.layout.lattice.to_scene(self.tables.sources.points))
 
     def interpolate(
@@ -187,8 +183,8 @@ class Collocation(Reader):
         """Return ``data`` at the unknowns (n, channels), continued across boundaries and edges by their conditions.
 
         ``label`` is the data's name in errors. The conditions' data are those at ``time``, or with ``step`` > 0 their
-        difference quotients from ``time`` to ``time + step``. ``in_range`` is ignored. Ghosts satisfy the conditions:
-        with the data at their closest points they would be wrong by the order of the spacing.
+        difference quotients from ``time`` to ``time + step``. ``in_range`` is ignored. Ghosts satisfy the conditions;
+        ``data`` at their closest points would be an error of first order.
         """
         datum = self.tables.datum(time)
         if step:
@@ -211,17 +207,15 @@ class Collocation(Reader):
         """Return the means (k, m), over :attr:`points`, of the products of the columns of u (n, k) and of v (n, m)."""
         return np.asarray(self.at_points(u).T @ self.at_points(v) / len(self._on_manifold))
 
-    # Free constants and means
-
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the border of the components where u + constant solves A u = b if u does; None if there is none."""
+        """Return the components (a `Border`) where u + constant solves A u = b if u does; None if there are none."""
         border = super().free_constants(stiffness)
         return None if border is None else with_smooth_means(self.tables, border)
 
     def closed_component_means(self) -> SparseMatrix | None:
         """Return the matrix (k, n) of means over the k components that no flux leaves.
 
-        None if there is none, any boundary has ghosts, or the layout is of order 1, whose means are too inexact.
+        None if k = 0, if a boundary has ghosts, or for layouts of order 1, whose means are too inexact.
         """
         if self.options.own.order == 1:
             return None
@@ -238,8 +232,6 @@ class Collocation(Reader):
             defects = describe_imbalances(self.tables, self.scene, operator, defects, self.source_error())
         u, means = correct_means(self.tables, self.scene, b, u)
         return u, (*defects, *means)
-
-    # Diagnosis
 
     def source_error(self, difference: float | None = None) -> float:
         """Return the error, a share of u's range, that the source states for its closest points."""
@@ -270,8 +262,8 @@ class Collocation(Reader):
     ) -> Diagnosis:
         """Return the order of the error, reasons for a lower order, and the points of twins; arguments are ignored.
 
-        The order is that of the conditions and at most degree - 1 (the error of interpolation is divided by the square
-        of the spacing), and 1 where the surface bends too sharply. If parts of different dimension meet, the diagnosis
+        The order is that of the conditions, but at most degree - 1 (the error of interpolation is divided by the square
+        of the spacing), and 1 if the surface bends too sharply. If parts of different dimension meet, the diagnosis
         says that differences between solutions do not measure their errors.
         """
         layout, sharp = self.tables.layout, self._has_sharp_bends
@@ -286,8 +278,6 @@ class Collocation(Reader):
     def work(self, operator: Operator, report: SolveReport | None) -> Work:
         """Return the sizes of the tables, and the solve's operations by its ``report``: zero if that is None."""
         return measure_work(self.tables, operator, report)
-
-    # Saved solutions
 
     def describe(self) -> dict[str, Any]:
         """Return by name the options, the lattice's origin, and how far each boundary was moved to the manifold."""

@@ -27,11 +27,11 @@ from cpmkit.types import SIDES, Ints, SparseMatrix
 
 #: A curve is resolved at a spacing of this share of its extent.
 RESOLVED_EXTENT_SHARE = 0.25
-#: Leapfrog's step is at most this many spacings over speed sqrt(d). The largest eigenvalue of A is at most
-#: 4 d speed^2 / spacing^2 (that of a solid, in the plane and in space; 5.9 and 8.7 instead of 8 and 12 on curves and
-#: surfaces), and the damping takes its share.
+#: Leapfrog's step is at most this many spacings over (speed sqrt(d)). The largest eigenvalue of A is at most
+#: 4 d speed^2 / spacing^2 (this on solids; on curves and surfaces 5.9 and 8.7 instead of 8 and 12), and damping
+#: reduces the stable step.
 LEAPFROG_MOST_SPACINGS = 0.85
-#: The implicit scheme's step is at least this many spacings over speed: from there on it damps enough, for all degrees.
+#: The implicit scheme's step is at least this many spacings over speed: longer steps damp enough, for all degrees.
 IMPLICIT_LEAST_SPACINGS = 0.3
 
 
@@ -192,7 +192,7 @@ def check_waves(scene: Scene, layout: Layout) -> None:
 #: Normals that turn by more than this (radians) over one spacing are a sharp bend: on a radius of 3 spacings the
 #: solution is off by half a percent of its range.
 SHARP_TURN_RADIANS = 1 / 3
-#: Least share of the pairs of neighbours with sharp turns, and of stencils that read another sheet, for a warning.
+#: A warning is given if this share of the pairs of neighbours has sharp turns, or of the stencils reads another sheet.
 SHARP_SHARE = 5e-3
 #: Neighbours whose normals have a smaller cosine than this are on different sheets or flanks; feet of neighbours
 #: farther apart than this many spacings do not determine the curvature between them.
@@ -248,8 +248,8 @@ def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
 def sharp_bend_warnings(layout: Layout, spacing: float) -> list[str]:
     """Return a list with a warning if a hypersurface has creases or bends too sharply for ``spacing``, or [].
 
-    That is so if the normal turns by over 1/3 radian a spacing between 0.5 percent or more of the pairs of neighbours
-    whose normals can be compared. Other manifolds are not examined.
+    The warning is given if the normal turns by over 1/3 radian per spacing between at least 0.5 percent of the pairs of
+    neighbours whose normals can be compared. Other manifolds are not examined.
     """
     if layout.surface.manifold_dim != layout.surface.dim - 1:
         return []

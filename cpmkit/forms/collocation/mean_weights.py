@@ -1,4 +1,4 @@
-"""Means over the components of a manifold, and their use: removing free constants, and correcting wrong means.
+"""Means over the components of a manifold, with which free constants are removed and wrong means corrected.
 
 An integral over the manifold is the integral over the surrounding space of the extended function times a bump in the
 distance (Kublik and Tsai 2016; for an even bump their Jacobian is 1 to second order). The plain mean over a band's
@@ -27,9 +27,10 @@ from cpmkit.types import Floats, Ints, SparseMatrix
 TAIL_SPACINGS = 2.0
 #: Least distance past or from an end, in spacings, that is divided by.
 LEAST_END_DISTANCE_SPACINGS = 1e-6
-#: Nodes past an end may reduce a component's total weight to this share; below it the mean is over its own nodes alone.
+#: If nodes past ends reduce a component's total weight below this share, its mean is the plain mean of its nodes.
 PAST_END_WEIGHT_SHARE = 0.5
-#: Means are corrected where c size^2, the surface's size, is below this: there a lost flux shifts u by a constant.
+#: Means are corrected if c times the square of the surface's size is below this: a lost flux then shifts u by a
+#: constant.
 SMALL_REACTION = 10.0
 #: A mean that was wrong by more than this share of the range of u is reported.
 REPORTED_MEAN_SHARE = 1e-2
@@ -41,19 +42,19 @@ def mean_weights(tables: Discretization) -> Floats:
     """Return the weight (n,), not normalised, of each unknown in means over the components of a manifold.
 
     The weight of a node is a function of its distance from the manifold. Nodes past an edge, and ghosts, continue the
-    solution past the end of their component; their weight is also a function of how far past the end they are, so that
-    the end need not be at a node. Without them the mean has an error of first order.
+    solution past the end of their component; their weight depends also on how far past the end they are. Without them
+    the mean would have an error of first order, since the end is between nodes.
     """
     bump, beyond = _bumps_and_distances_past_ends(tables)
     return bump * _tail_weights(beyond)
 
 
 def _bumps_and_distances_past_ends(tables: Discretization) -> tuple[Floats, Floats]:
-    """Return two factors (n,) of quadrature weights: the bump at each unknown, and how far it is past an end.
+    """Return the bump (n,) at each unknown, a factor of its weight, and how far (n,) the unknown is past an end.
 
-    The bump is a window in the distance from the manifold, for ghosts times the tail weight of their node. The second
-    is in spacings past the edge of the component, or for ghosts past their boundary: 0 if it is not past one, and
-    `TAIL_SPACINGS` for ghosts where the distance is unknown.
+    The bump is a window in the distance from the manifold, for ghosts times the tail weight of their node. The distance
+    past the edge of the component, or for ghosts past their boundary, is in spacings: 0 for unknowns past neither, and
+    `TAIL_SPACINGS` for ghosts whose distance is unknown.
     """
     band, inner = tables.layout.band, tables.layout.band.inner
     reach = 0.5 * (band.degree + 1) * band.spacing
@@ -78,9 +79,9 @@ def _bumps_and_distances_past_ends(tables: Discretization) -> tuple[Floats, Floa
 def _distances_past_edge(tables: Discretization, offset: Floats) -> Floats:
     """Return how far (inner,) along the manifold each inner node is past an edge, zero for other nodes.
 
-    With t that distance, r the node's height over the tangent plane and k the curvature, the mirror point is ``t (1 + k
-    r)`` from the closest point, in a direction along which the node is ``t (1 + k r / 2)`` from it. At order 1 there is
-    no mirror point, and zero is returned. ``offset`` (inner, d) are the nodes minus their closest points.
+    With t that distance, r the node's height over the tangent plane and k the curvature, the mirror point is at the
+    distance ``t (1 + k r)`` from the closest point; in that direction the node is at ``t (1 + k r / 2)``. At order 1
+    there is no mirror point, and zero is returned. ``offset`` (inner, d) are the nodes minus their closest points.
     """
     band = tables.layout.band
     rows = np.flatnonzero(band.feet.edge[: len(offset)] >= 0)
@@ -97,9 +98,9 @@ def _distances_past_edge(tables: Discretization, offset: Floats) -> Floats:
 def _tail_weights(beyond: Floats) -> Floats:
     """Return the weights (n,) of nodes ``beyond`` (n,) spacings past an end: 1 at 0, and 0 from ``TAIL_SPACINGS`` on.
 
-    With t the first node's distance, ``tail(t) + tail(t + 1) = 1/2 - t``: the end correction of the trapezoidal rule.
-    So a sum along one line of nodes is of second order. The weight is continuous, and its first moment vanishes, so
-    that the mean of such sums over all positions t of the end is of third order.
+    With t the first node's distance, ``tail(t) + tail(t + 1) = 1/2 - t``: the end correction of the trapezoidal rule,
+    with which a sum along one line of nodes is of second order. The weight is continuous, and its first moment
+    vanishes, so that the mean of such sums over all positions t of the end is of third order.
     """
     t = np.mod(beyond, 1.0)
     first = 1.0 - 3.5 * t + 2.0 * t**2
@@ -109,8 +110,8 @@ def _tail_weights(beyond: Floats) -> Floats:
 def mean_matrix(tables: Discretization, count: int, component: Ints) -> tuple[SparseMatrix, Ints, Ints]:
     """Return the matrix (count, n) of means over components, the unknowns (m,) on them, and their components (m,).
 
-    ``component`` (n,) is that of each unknown, from 0 to ``count`` - 1, or -1 for unknowns on none. Where unknowns past
-    ends take too much weight away, the mean is the plain one over the component's nodes.
+    ``component`` (n,) is that of each unknown, from 0 to ``count`` - 1, or -1 for none. If unknowns past ends make the
+    total weight too small, the mean is the plain mean over the component's nodes.
     """
     from scipy.sparse import csr_array
 
@@ -203,8 +204,8 @@ def _describe_place(tables: Discretization, scene: Scene, members: Ints) -> dict
 def closed_components(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     """Return the number of components that no flux leaves, and each unknown's component (n,), -1 elsewhere.
 
-    If any boundary has ghosts there are none; otherwise they are the components whose edges all have zero flux, and
-    those without edges.
+    If a boundary has ghosts, there are none; otherwise these are the components whose edges all have zero flux, and
+    components without edges.
     """
     if tables.unknowns.count > tables.layout.band.inner:
         return 0, np.full(tables.unknowns.count, -1)
@@ -218,11 +219,11 @@ def closed_components(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
 
 
 def correct_means(tables: Discretization, scene: Scene, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
-    """Return u (n, channels), its mean on closed components times c being that of f, and the imbalances corrected.
+    """Return u (n, channels), shifted on closed components so that c mean(u) = mean(f), and the corrected imbalances.
 
     u is returned unchanged if a boundary has ghosts, c varies or is not positive (as for Helmholtz), there is a
-    velocity, or c is so large that a lost flux changes u locally and not by a constant. Where a component has edges,
-    means are less exact: u is corrected only if the imbalance is large, and the order 2. ``b`` (n, channels): the
+    velocity, or c is so large that a lost flux changes u locally and not by a constant. On a component with edges means
+    are less exact: there u is corrected only if the imbalance is large and the order is 2. ``b`` (n, channels): the
     right-hand side.
     """
     terms, layout = scene.problem.terms(), tables.layout

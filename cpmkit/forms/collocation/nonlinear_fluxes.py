@@ -21,8 +21,8 @@ LEAST_FLUX_SLOPE = 1e-9
 class FluxRows:
     """Rows of E whose datum is a nonlinear flux, and the matrices that read u at the boundary.
 
-    With F the datum's factor, such a row is ``R u + F du/db``, and its value at the boundary ``R u + F0 du/db``: with
-    ``du/db = gamma - beta u`` at the boundary this becomes the formula of a Robin condition.
+    With F the datum's factor, such a row is ``R u + F du/db``, and u at the boundary is ``R u + F0 du/db``. With
+    ``du/db = gamma - beta u`` at the boundary the row becomes the formula of a Robin condition.
     """
 
     law: Nonlinear  #: The law of the flux.

@@ -147,9 +147,10 @@ class Reader(Discretized):
 
 #: Number of points at which the gradient is computed at a time, so that their weights need little memory.
 GRADIENT_CHUNK_POINTS = 8192
-#: Distances, in spacings, from which the gradient is extrapolated; from 2 on bends affect it, from 3 on it is worse.
+#: Distances from a bend, in spacings, from which the gradient is extrapolated. If the first is 2, bends affect the
+#: gradient; if it is 3 or more, the error is larger.
 CONTINUATION_DISTANCES_SPACINGS = (2.5, 3.5, 4.5)
-#: A sample may be used if its distance from all bends is at least the first distance, less this share.
+#: A sample may be used if its distance from all bends is at least (1 - this share) of the first distance.
 INSIDE_SLACK_SHARE = 0.1
 
 

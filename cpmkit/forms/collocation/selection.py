@@ -1,8 +1,8 @@
-"""Selection: which unknown, or which row of the extension matrix E, a stencil reads at each of its nodes.
+"""Selection of the unknown, or the row of the extension matrix E, that a stencil reads at each of its nodes.
 
 A stencil reads the value on its own sheet of the surface and on its own side of every boundary: the node's own unknown,
 that of its twin on another sheet, or that of its ghost, which continues one side of a boundary.
-The same function chooses for interpolation stencils and for difference stencils.
+The same function selects for interpolation stencils and for difference stencils.
 King et al. (2024), eq. 12, as eq. 13 for the stencils of nodes and eq. 14 for those of ghosts.
 """
 
@@ -173,10 +173,10 @@ def visible_ghosts(
 ) -> tuple[Ints, Ints]:
     """Return the ghosts that n stencils read in place of nodes on the other side of a boundary.
 
-    A node is replaced if the directors of stencil and node have a negative product and the node has a ghost there (past
-    an open end it has none). If several boundaries lie between, the ghost of the boundary that the stencil itself
-    belongs to is read, else that of the boundary nearest to the stencil. (Differs from adding the weight once for each
-    boundary, which counts it twice where two boundaries are crossed.)
+    A node is replaced if the directors of stencil and node (see `SideView`) have a negative product and the node has a
+    ghost (past an open end it has none). If several boundaries are between, the ghost is that of the boundary to which
+    the stencil itself belongs, else that of the boundary nearest to the stencil. (Differs from adding the weight once
+    for each boundary, which counts it twice where two boundaries are crossed.)
 
     ``centres``: centres of the n stencils.
     ``nodes`` (n, s): node numbers of the stencils.

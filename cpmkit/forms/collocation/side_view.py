@@ -1,10 +1,10 @@
-"""Boundaries on a lattice: the distance of surface points from a boundary, and the side of it that they are on.
+"""Boundaries on a lattice: the distances of surface points from a boundary, and on which of its sides they are.
 
 For a surface point z and a boundary C: y = cp_S(cp_C(z)), snapped to the surface, n its normal at y, t the direction of
-travel of C at y, v = n x t, which points to the left; in an area of the plane n is the third axis, and in a
-solid in space v is the normal of the surface C. Here alone the side of a point is decided, as the
-director D: two points are on opposite sides where D_i . D_j < 0. D is (z - y) . v
-times one fixed vector, or times v (which does not depend on the sign of v) where the surface is not orientable along C.
+travel of C at y, v = n x t, which points to the left; in an area of the plane n is the third axis, and in a solid in
+space v is the normal of the surface C. The side of a point is represented by its director D: two points are on opposite
+sides if D_i . D_j < 0. D is (z - y) . v times one fixed vector, or times v (so that the sign of v does not matter)
+where the surface is not orientable along C.
 King et al. (2024): z - y is eq. 10 (there y is cp_C(x)), (z - y) . v is eq. 11, ((z - y) . v) v is eq. 17.
 In its section 4, C is a part of S; here C may be off S by its ``gap``, and is snapped.
 """
@@ -34,22 +34,21 @@ from cpmkit.types import Bools, Floats, Ints
 #: A point nearer to the boundary than this many spacings counts as left of it.
 #: (Differs from King et al. (2024), section 4.2: 0.1 spacing^2, on either side.)
 ON_BOUNDARY_SPACINGS = 1e-9
-#: Closest points of blocks of this many spacings are computed before those of the points in them.
+#: Closest points of the centres of blocks of this many spacings are computed before those of the points in the blocks.
 BLOCK_SPACINGS = 4
-#: Where several sheets share a band: if the chord from a boundary points to neither side by more than this (cosine),
-#: the walk along the surface decides; if that does not either, points farther than ``NEAR_BOUNDARY_SPACINGS`` have no
-#: side.
+#: Where several sheets share a band: if the chord from a boundary points to neither side with a cosine above this, a
+#: walk along the surface decides; if the walk does not, points farther than ``NEAR_BOUNDARY_SPACINGS`` have no side.
 UNCLEAR_SIDE_COSINE = 0.5
 #: Cosine of the angle up to which two boundaries run side by side.
 ALONGSIDE_COSINE = 0.9
-#: Boundaries nearer than this many spacings enclose a strip too narrow for a stencil; nearer than the second number,
-#: curves at so many points, they are at one place.
+#: Boundaries nearer than this many spacings enclose a strip too narrow for a stencil. They are at the same place if
+#: nearer than the second number; curves are compared at so many points.
 STRIP_SPACINGS, SAME_PLACE_SPACINGS, SAME_PLACE_SAMPLES = 1.0, 1e-3, 3
 
 
 @dataclass(frozen=True, eq=False)
 class SideView(Rows):
-    """Those of a batch of surface points that are near one boundary, with their distances and sides."""
+    """The distances and sides of surface points that are near one boundary, as rows of a batch of points."""
 
     rows: Ints  #: (k,): numbers of the points in the batch, ascending.
     foot: Floats  #: (k, d): y, the closest point on the boundary, snapped to the manifold.
@@ -57,7 +56,7 @@ class SideView(Rows):
     distance: Floats  #: (k,): ``|z - y|``.
     signed: Floats  #: (k,): ``(z - y) . v``, positive on the left; NaN where the boundary has no sides.
     conormal: Floats  #: (k, d): v, the conormal that points to the left; zero where the boundary has no sides.
-    #: (k, d): D, whose product with that of another point is negative on the other side; zero where no side is crossed.
+    #: (k, d): the directors D: those of points on opposite sides have a negative product; zero without sides.
     director: Floats
 
 
@@ -114,9 +113,9 @@ class BoundaryOnLattice:
     def side_view(self, points: Floats, radius: float, spacing: float) -> SideView:
         """Return the distances and sides of those ``points`` (n, d) of the surface within ``radius`` of the boundary.
 
-        Points up to twice the gap farther may be among them. Where several sheets share a band, only points with a part
-        of the boundary on their own sheet and a clear side are; the nearest such part counts. Directions that the
-        sources do not give are differences over half of ``spacing``.
+        Points up to twice the gap farther may be included. If several sheets share a band, only points with a part of
+        the boundary on their own sheet and a clear side are included; the nearest such part counts. Normals and
+        tangents that the sources do not provide are differences over half of ``spacing``.
         """
         rows, feet = find_near_points(self.source, points, radius + self.gap, spacing)
         walked = None

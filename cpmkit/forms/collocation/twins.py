@@ -25,7 +25,7 @@ from cpmkit.manifold.tangent_space import feet_on_sheets, unit_normals
 from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.types import Bools, Floats, Ints
 
-#: A height difference (spacings) between feet of neighbouring nodes that suggests two sheets.
+#: The least difference of height, in spacings, between feet of neighbouring nodes that suggests two sheets.
 SHEET_STEP_SPACINGS = 0.3
 #: Most rounds in which new twins may need further twins (the first two find nearly all), and most twins that a node
 #: gets in one round: one for each sheet that it lies between.
@@ -49,15 +49,15 @@ class Sites(Rows):
 
 @dataclass(frozen=True, eq=False)
 class MissingSites(Rows):
-    """Nodes that stencils read without a site on their own sheet, sorted by node, those where u is read first."""
+    """Nodes without a site on the sheet of a stencil that reads them, sorted by node, those where u is read first."""
 
     nodes: Ints  #: (k,): numbers of the nodes in the band.
-    by: Ints  #: (k,): the sites whose stencils read them.
+    by: Ints  #: (k,): the sites whose stencils read the nodes.
     unknown: Bools  #: (k,): True where u is read, False where only E u is read.
 
 
 def add_twins(source: LocalSource, band: Band) -> Band:
-    """Return the band with twins, copies of nodes that further sheets of a hypersurface share; else the band itself."""
+    """Return the band of a hypersurface with twins, copies of nodes for further sheets; other bands are unchanged."""
     if source.manifold_dim != source.dim - 1:
         return band
     flagged = nodes_between_sheets(band)
@@ -79,7 +79,7 @@ def add_twins(source: LocalSource, band: Band) -> Band:
 
 
 def nodes_between_sheets(band: Band) -> Bools:
-    """Return whether (n,) each node has a neighbour whose foot is over 0.3 spacings off its own, along a normal."""
+    """Return whether (n,) the foot of some neighbour of each node is 0.3 spacings off the node's, along a normal."""
     h, flagged = band.spacing, np.zeros(len(band.nodes), dtype=bool)
     directions = foot_directions(band)
     normal = np.where((directions.length > ON_FOOT_SPACINGS * h)[:, None], directions.unit, 0.0)
@@ -127,7 +127,7 @@ def find_missing_sites(source: LocalSource, band: Band, sites: Sites, queue: Int
 
 
 def _with_twins(source: LocalSource, band: Band, sites: Sites, missing: MissingSites) -> Sites:
-    """Return the sites with twins for missing sites whose nodes have a foot on their sheet; a twin can serve many."""
+    """Return the sites with twins for those ``missing`` whose nodes have a foot on the needed sheet."""
     unserved = missing
     for _ in range(TWINS_PER_ROUND):
         if not len(unserved.nodes):
@@ -144,7 +144,7 @@ def _with_twins(source: LocalSource, band: Band, sites: Sites, missing: MissingS
 
 
 def _with_one_twin_each(source: LocalSource, band: Band, sites: Sites, missing: MissingSites) -> Sites:
-    """Return the sites with a twin for each missing site whose node has a foot on the reader's sheet: the nearest.
+    """Return the sites with a twin, the nearest foot, for each missing site whose node has a foot on the needed sheet.
 
     ``missing`` has each node at most once.
     """
@@ -162,7 +162,7 @@ def _with_one_twin_each(source: LocalSource, band: Band, sites: Sites, missing: 
 
 
 def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missing: MissingSites) -> Bools:
-    """Return whether (k,) the new twins, sites from ``count`` on with one a node at most, provide each missing site."""
+    """Return whether (k,) the new twins, sites from ``count`` on, one a node at most, provide each missing site."""
     new, by = np.arange(count, len(sites)), missing.by
     twin = new[np.minimum(np.searchsorted(sites.base[new], missing.nodes), len(new) - 1)]
     served = (sites.base[twin] == missing.nodes) & (sites.unknown[twin] | ~missing.unknown)
@@ -171,7 +171,7 @@ def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missin
 
 
 def _twins_by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
-    """Return where (m + 1,) each site's twins begin in a list sorted by site, and this list (t,) of the ``twins`` (t,).
+    """Return the starts (m + 1,) of each site's twins in a list sorted by site, and the list (t,) of ``twins`` (t,).
 
     The site k is a twin of the site ``base[k]``; ``base`` is (m,).
     """

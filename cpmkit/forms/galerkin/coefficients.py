@@ -34,8 +34,6 @@ NEAR_CHORD_SPACINGS = 0.05
 class SampleCoefficients(PointReader):
     """Coefficients at the p samples of the manifold, or at all q samples, those on boundaries included."""
 
-    # Data
-
     def at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
         """Return ``data`` (p, channels) at ``time`` at samples, on the sides of their cells; errors name ``label``."""
         return evaluate_data(data, self._reading_points(data), channels, label, time)
@@ -82,8 +80,6 @@ class SampleCoefficients(PointReader):
     def append_zeros(self, values: Floats) -> Floats:
         """Return ``values`` (p, ...) at the samples of the manifold extended by zeros on boundaries, (q, ...)."""
         return np.concatenate([values, np.zeros((len(self.sampled.boundary), *values.shape[1:]))])
-
-    # Diffusivity
 
     def diffusivity(self, data: Any) -> Floats:
         """Return the diffusivity at all samples, (q,) or (q, d, d), or (1,) if ``data`` are a number.
@@ -137,8 +133,6 @@ class SampleCoefficients(PointReader):
         boundary, patch = self.sampled.boundary, self.space.dof_map.patch[self.sampled.interior :]
         along = self.space.spline_derivative_rows(patch, boundary.points, boundary.conormals)
         return self.space.spline_rows(patch, boundary.points), along
-
-    # Advection
 
     def advection_at_samples(self, terms: Terms) -> Advection:
         """Return the advection by the velocity of ``terms`` at all samples; the velocity is zero on boundaries."""

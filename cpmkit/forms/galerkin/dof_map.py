@@ -204,9 +204,7 @@ def cell_codes(points: Floats, spacing: float) -> Ints:
 
 @compiled
 def join_samples(code: Ints, contacts: Any, cell: Any, vertices: int) -> tuple[Any, Any, Any]:
-    """Join the samples of a lattice cell whose mesh cells share a vertex, which form a patch.
-
-    Return their roots, and slots of vertices.
+    """Join the samples of a lattice cell whose mesh cells share a vertex: they form a patch.
 
     The arguments are the ``code`` (q,) of the lattice cell and the mesh ``cell`` (q,) of each sample, and the vertices
     ``contacts`` (m, k) of mesh cells, numbered below ``vertices``. The first result is the root (q,) of each sample,

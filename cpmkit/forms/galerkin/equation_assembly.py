@@ -139,8 +139,6 @@ class EquationAssembly:
 
     __getstate__ = state_without_cached
 
-    # Matrices
-
     def stiffness(self, terms: Terms) -> GalerkinOperator:
         """Return A: the energy of the diffusivity, stabilised, c u v, the advection, and the terms of the conditions.
 
@@ -212,8 +210,6 @@ class EquationAssembly:
         if all(getattr(terms, name) is getattr(scene_terms, name) for name in names):
             return self.scene_advection
         return None if terms.velocity is None else self.coefficients.advection_at_samples(terms)
-
-    # Conditions
 
     def condition_terms(self, terms: Terms, a: Floats | None = None, scale: Floats | None = None) -> ConditionTerms:
         """Return the matrices and loads of the conditions for the terms of an equation.
@@ -318,8 +314,6 @@ class EquationAssembly:
             rows = np.flatnonzero(chosen)
             chosen[rows] = where(sampled.lattice.to_scene(samples.points[rows]))
         return self.terms_of_solution(u).flux(u, chosen, time)
-
-    # Constants
 
     def free_constants(self, stiffness: Any) -> Border | None:
         """Return the pieces of the manifold where constants solve A u = 0, with means over the pieces; None if none.

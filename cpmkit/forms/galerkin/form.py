@@ -65,8 +65,6 @@ class Galerkin(EquationAssembly, Discretized):
     #: How the lattice resolves the manifold. It is shared by all scenes on the same space.
     lattice_resolution: LatticeResolution = field(repr=False)
 
-    # Operators
-
     @property
     def size(self) -> int:
         """Number of unknowns."""
@@ -178,8 +176,6 @@ class Galerkin(EquationAssembly, Discretized):
         terms = self.condition_terms(Terms()).linearise(seen)
         return replace(self, conditions=terms.conditions)
 
-    # Values
-
     @property
     def points(self) -> Floats:
         """(p, d) the samples of the manifold in the scene's coordinates, read-only, cached while in use."""
@@ -261,8 +257,6 @@ class Galerkin(EquationAssembly, Discretized):
         NaN past its open ends, and everywhere if it has no left. Raises InputError for points or names not accepted.
         """
         return self.coefficients.signed_distance(name, points)
-
-    # Diagnosis
 
     @cached_property
     def resolution(self) -> Resolution:

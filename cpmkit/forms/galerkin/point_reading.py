@@ -117,8 +117,6 @@ class PointReader:
         number = boundary_number(self.boundaries, name)
         return signed_distances(self.sampled.oriented[number], self.closest_points(points).points, self.sampled.lattice)
 
-    # Gradients
-
     def gradient(self, u: Floats, points: Any, side: Sides = None) -> Floats:
         """Return the tangential gradient (k, channels, d) of u at the manifold's points nearest to ``points`` (k, d).
 

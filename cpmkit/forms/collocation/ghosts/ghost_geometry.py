@@ -23,7 +23,7 @@ INSIDE_SIDE_SPACINGS = 1e-6
 #: Data are read at this distance from the boundary, in spacings, and at twice that distance. (At 0.25 the Dziuk surface
 #: of the studies is a fifth less accurate at a spacing of 0.1.)
 SIDE_READING_SPACINGS = 0.15
-#: Where a point's distance from the boundary is below this share of the intended one, there is an edge or a fold.
+#: If a point's distance from the boundary is below this share of the intended distance, there is an edge or a fold.
 LEAST_INSIDE_SHARE = 0.75
 
 
@@ -70,16 +70,16 @@ def coefficient_and_factor(
 
 @dataclass(frozen=True, eq=False)
 class GhostGeometry:
-    """The g ghosts of boundary ``index``: their nodes' distances and sides, and the directions across the boundary."""
+    """The g ghosts of boundary ``index``: distances and sides of their nodes, and directions across the boundary."""
 
     index: int  #: The boundary's number.
     boundaries: BoundariesOnBand  #: All boundaries of the scene.
     lattice: Lattice  #: Origin and spacing.
     seen: SideView  #: Distances and sides of the nodes' closest points; its rows are the nodes.
-    #: (g, d): the points that the nodes read without a boundary: their closest points, or mirror points past an edge.
+    #: (g, d): the points that the nodes would read without the boundary: closest points, or mirror points past an edge.
     foot_point: Floats
     direction: Floats  #: (g, d): unit vectors from there towards the boundary and across it.
-    #: (g,): True for nodes past an edge that the boundary separates from the part that they continue; for them
+    #: (g,): True for nodes past an edge that the boundary separates from the part that they continue; then
     #: ``foot_point`` is the node's own place in the tangent plane of the edge.
     past_edge: Bools
     #: The surface's records of ``foot_point``; given where several of its sheets share the band.
@@ -144,9 +144,9 @@ class GhostGeometry:
     def side_views(self, rows: Ints, points: Floats, radius: float, own_side: bool = False) -> list[SideView]:
         """Return for each boundary the distances and sides of ``points`` (k, d) that the ghosts ``rows`` (k,) read.
 
-        The view of another boundary has the points within ``radius`` of it, in the scene's unit. That of the ghosts'
-        own has k rows with the feet and distances of their nodes, not of the points, and the side that the ghosts
-        continue, or with ``own_side`` that of their nodes.
+        The view of another boundary has the points within ``radius`` of it, in the scene's unit. The view of the
+        ghosts' own boundary has k rows with the feet and distances of the ghosts' nodes, not of the points, and the
+        side that the ghosts continue, or with ``own_side`` that of their nodes.
         """
         seen, sign = self.seen.take(rows), 1.0 if own_side else -1.0
         own = replace(seen, rows=np.arange(len(rows)), director=sign * seen.director, signed=sign * seen.signed)
@@ -164,9 +164,9 @@ class GhostGeometry:
 def is_beyond_other_boundary(geometry: GhostGeometry, rows: Ints, points: Floats, reach: float) -> Bools:
     """Return whether (k,) the ``points`` (k, d) that ghosts ``rows`` (k,) read are beyond another boundary than theirs.
 
-    Boundaries farther than ``reach`` from a point do not count for it, nor do those that are points on a surface: the
-    solution is continuous around them. Nor does a boundary that starts at this one, nor one that meets this one at an
-    angle and has one value on both sides: there ghosts of order 1 would have several times the error.
+    Other boundaries do not count if they are farther than ``reach`` from the point, or if they are points on a surface,
+    around which the solution is continuous. Nor does a boundary that starts at the ghosts' own, or that meets it at an
+    angle and has one value on both sides: ghosts of order 1 would have several times the error there.
     """
     foot, beyond, spacing = geometry.seen.foot[rows], np.zeros(len(rows), dtype=bool), geometry.spacing
     for boundary, other in zip(geometry.boundaries.definitions, geometry.boundaries.on_lattice, strict=True):
@@ -186,8 +186,8 @@ def is_beyond_other_boundary(geometry: GhostGeometry, rows: Ints, points: Floats
     return beyond
 
 
-# Data that jump across a boundary. A curve given by points, or snapped to a mesh, is a share of the spacing off the
-# place where a formula jumps: data are read at points farther inside and extrapolated to the boundary.
+# A curve given by points, or snapped to a mesh, is a share of the spacing off the place where data jump: such data are
+# read at points farther inside and extrapolated to the boundary.
 
 
 def ghost_sources(geometry: GhostGeometry) -> RowFormula:

@@ -1,9 +1,9 @@
-"""Ghosts: second unknowns at the nodes near a boundary, which continue the solution of its other side.
+"""Ghosts: second unknowns at the nodes near a boundary, which continue the solution of the boundary's other side.
 
 King et al. (2024), eq. 9: its BC DOFs, here within the radius of interpolation alone, eq. 4 with q = 0.
 
-A ghost is at its node, on one side of the boundary, and continues the solution of the other side across
-it: its value is a coefficient times u at a point, plus a factor times data (:func:`coefficient_and_factor`).
+A ghost belongs to a node on one side of the boundary, and continues the solution of the other side across the boundary:
+its value is a coefficient times u at a point, plus a factor times data (:func:`coefficient_and_factor`).
 """
 
 from __future__ import annotations
@@ -134,9 +134,9 @@ def _directions_across(side_view: SideView, foot_point: Floats, spacing: float) 
 
 
 def _with_edge_formula(ghosts: RowFormula, mirrored: RowFormula, geometry: GhostGeometry) -> RowFormula:
-    """Return the formulas of the ``ghosts``, combined with ``mirrored``, of all band nodes, at nodes past an edge.
+    """Return the formulas of the ``ghosts``, combined at nodes past an edge with their formulas as nodes, ``mirrored``.
 
-    Ghosts whose boundary separates them from the edge keep their own formula.
+    Ghosts that their boundary separates from the edge keep their own formula.
     """
     nodes, separated = geometry.seen.rows, geometry.past_edge
     coefficient = np.where(separated, 1.0, mirrored.coefficient[nodes])
@@ -166,7 +166,7 @@ def ghost_formula(
 ) -> tuple[RowFormula, list[ExtraPoint], list[CoupledGhosts], Ints, Bools]:
     """Return the formulas of a boundary's g ghosts at this ``order``, or at that of their condition.
 
-    They are without the edge's conditions. A ghost whose mirror point is beyond another boundary is of order 1.
+    Conditions of the edge are not included. A ghost whose mirror point is beyond another boundary is of order 1.
 
     Returned ``rows``: the formulas, a row for each ghost, with points on the side that the ghosts continue.
     Returned ``own_terms``: points that are read on the ghosts' own side.

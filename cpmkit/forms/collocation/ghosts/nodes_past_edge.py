@@ -6,8 +6,8 @@ A node whose closest point y is on the edge reads the manifold at a mirror point
 a ghost, with z = y, ``t = (x - y) . b`` and ``s = 2 (x - y) . b``. Zero Neumann, the default,
 needs no conormal b: at order 2 the mirror is ``cp_S(2 y - x)``, at order 1 it is y itself.
 
-If a boundary separates the rim from the mirror point, the node still belongs to the rim's side of it: it
-continues the strip between the two, at first order, because there is no room for a mirror point. A ghost past the edge
+If a boundary separates the rim from the mirror point, the node belongs to the rim's side of that boundary: it continues
+the strip between rim and boundary, at first order, because there is no room for a mirror point. A ghost past the edge
 continues the part behind a boundary parallel to the rim by the boundary's condition and not by the edge's; where a
 boundary ends on the edge, both conditions apply.
 
@@ -38,8 +38,8 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: Points on the sides of a corner are found from points this many spacings from it, in either direction along the rim.
 BESIDE_SPACINGS = 0.6
-#: Those are moved past the rim by this share of the distance, as the closest point of one on the rim may count as
-#: inside. Fluxes are read nearer to the corner by this factor, still on its sides and with almost the values there.
+#: These points are moved past the rim by this share of the distance, since the closest point of a point on the rim may
+#: count as inside. Fluxes are read nearer to the corner by this factor, on its sides, with almost the corner's values.
 NEAR_CORNER_SHARE = 0.05
 #: Two points of a rim farther apart than this share of the largest possible distance have no corner between them.
 STRAIGHT_SHARE = 0.97
@@ -56,7 +56,7 @@ class RimCorners(Rows):
     rows: Ints  #: (k,): numbers of the nodes.
     points: Floats  #: (k, s, d): for each of the s sides of the corner, a point of the rim on it.
     loops: Ints  #: (k, s): the loops of the edge that these points are on.
-    #: (k, s): how far the node is beyond each side: times the conormals they sum up to its offset from the corner.
+    #: (k, s): how far the node is beyond each side: the sum of these times the conormals is its offset from the corner.
     beyond: Floats
 
 
@@ -67,7 +67,7 @@ def rim_corners(
 
     ``surface``: the manifold.
     ``feet``: closest points of n nodes, on rims.
-    ``beyond``, ``outward`` (n, d): the offsets of the nodes from them, and the outward conormals there.
+    ``beyond``, ``outward`` (n, d): the offsets of the nodes from the feet, and the outward conormals at the feet.
     ``spacing``: spacing of the lattice.
     """
     dimension = surface.dimensions_at(feet)
@@ -105,7 +105,7 @@ def _corners_of_one_dimension(
 
 
 def _rim_tangents(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing: float) -> Floats:
-    """Return unit tangents (n, s, d) of rims at ``feet``, at right angles to ``outward`` (n, d): s / 2, then opposites.
+    """Return unit tangents (n, s, d) of rims at ``feet``, perpendicular to ``outward`` (n, d): s / 2, then opposites.
 
     On a solid there are three directions, 120 degrees apart, because a single one might run along an edge.
     """
@@ -132,9 +132,9 @@ def node_formulas(
 ) -> RowFormula:
     """Return the formulas of all nodes of the band: each reads its closest point, or past an edge a mirror point.
 
-    At ``order`` 1 (that of conditions without their own), nodes past the edge read their closest points; so do the
-    nodes ``at_feet``. ``edge`` are the edge's conditions. Raises InputError if beta of a Robin condition is zero, or
-    ResolutionError if the spacing is too coarse for beta.
+    ``order`` is that of conditions without an order of their own. At order 1 nodes past the edge read their closest
+    points; so do the nodes ``at_feet`` at any order. ``edge`` are the edge's conditions. Raises InputError if beta of a
+    Robin condition is zero, or ResolutionError if the spacing is too coarse for beta.
     """
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
     feet = None if band.sheets is None else band.feet
@@ -202,7 +202,7 @@ def _edge_formula(
 
 
 def _flux_corners(corners: Sequence[RimCorners], edge: EdgeConditions, law: OneSided) -> list[RimCorners]:
-    """Return the corners where the sides that the node is beyond all have the ``law`` of its loop, or all a flux."""
+    """Return the corners at which all sides that the node is beyond have the ``law`` of its loop, or all a flux."""
     chosen = []
     for corner in corners:
         accepted = np.ones(len(corner.rows), dtype=bool)
@@ -258,8 +258,8 @@ def view_nodes_past_edge(
 ) -> tuple[SideView, Floats, Bools]:
     """Return the side view of nodes past an edge that a boundary separates from the manifold, at the nodes' own places.
 
-    These are the nodes ``behind``, and others near which the boundary is parallel to the edge inside the manifold.
-    Their places are taken to be in the tangent plane of the edge.
+    Such nodes are the nodes ``behind``, and others near which the boundary is parallel to the edge inside the manifold.
+    The places of nodes are in the tangent plane of the edge.
 
     Returned ``side_view``: ``side_view`` with the feet on the boundary and distances of these nodes replaced.
     Returned ``places`` (g, d): the nodes' places in the tangent plane of the edge; zero for nodes that are not past it.

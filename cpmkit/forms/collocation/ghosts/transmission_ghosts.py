@@ -34,8 +34,8 @@ READ_BESIDE_SPACINGS = (0.25, 0.5)
 class CoupledGhosts:
     """Ghosts of order 2 of a transmission."""
 
-    rows: Ints  #: (k,): their numbers among the boundary's ghosts.
-    #: terms_beyond, own_terms: Points that they read on the side that they continue, and on the side of their nodes.
+    rows: Ints  #: (k,): the numbers of the ghosts among those of the boundary.
+    #: terms_beyond, own_terms: Points that the ghosts read on the side that they continue, and on that of their nodes.
     terms_beyond: list[ExtraPoint]
     own_terms: list[ExtraPoint]
     data: list[BoundaryData]  #: The jumps of value and flux.
@@ -171,7 +171,8 @@ def second_order_weights(
 def conductivities(law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> tuple[Floats, Floats]:
     """Return the conductivities (n,) on the side of the ghosts' nodes, and on the side that the ghosts continue.
 
-    They are those of the condition, or else the problem's ``diffusivity``, at the boundary points of ``side_view``.
+    Conductivities are given by the condition, or else the problem's ``diffusivity``, at boundary points of
+    ``side_view``.
     Raises InputError if one is not positive.
     """
     left, right = (

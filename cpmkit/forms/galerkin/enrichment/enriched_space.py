@@ -46,8 +46,6 @@ class EnrichedSpace(FunctionSpace):
         """Number of unknowns, n + m."""
         return self.spline_count + len(self.functions)
 
-    # Evaluation
-
     def singular_rows(self, points: Floats, cells: Ints) -> SparseMatrix:
         """Return the values (k, m) of the functions psi at ``points`` (k, d) in the mesh ``cells`` (k,)."""
         return self._columns([function.values(points, cells) for function in self.functions], len(points))
@@ -124,8 +122,6 @@ class EnrichedSpace(FunctionSpace):
         entries = np.concatenate([np.zeros(0), *(entries for _, entries in columns)])
         return csc_array((entries, rows, starts), shape=(count, len(columns))).tocsr()
 
-    # Integrals
-
     @cached_property
     def _rule(self) -> ProductRule:
         """The quadrature of products with the psi."""
@@ -196,8 +192,6 @@ class EnrichedSpace(FunctionSpace):
             values=hstack([terms.values, self.singular_rows(points, cells)], format="csr"),
             slopes=hstack([terms.slopes, slopes], format="csr"),
         )
-
-    # Coarser levels
 
     @cached_property
     def plain_levels(self) -> list[Level]:

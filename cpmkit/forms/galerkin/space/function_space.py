@@ -42,8 +42,6 @@ class FunctionSpace:
 
     __getstate__ = state_without_cached
 
-    # Unknowns
-
     @property
     def dof_map(self) -> DofMap:
         """The dof map of :attr:`splines`: the patches of the samples, and the splines that each patch reads."""
@@ -95,8 +93,6 @@ class FunctionSpace:
         """Return ``rows`` R (k, spline_count) from rows (k, N) that evaluate :attr:`splines`."""
         return rows
 
-    # Evaluation
-
     def spline_rows(self, patch: Ints, points: Floats) -> SparseMatrix:
         """Return the matrix (k, spline_count) that evaluates the splines at ``points`` (k, d) in patches (k,)."""
         return self.restrict_rows(value_rows(self.dof_map, patch, points))
@@ -131,8 +127,6 @@ class FunctionSpace:
     def gradients_at_samples(self, u: Floats) -> Floats:
         """Return the tangential gradients (p, channels, d) of u at the samples on the manifold."""
         return self.spline_gradients_at_samples(u)
-
-    # Integrals
 
     @cached_property
     def spline_integrals(self) -> Floats:
@@ -181,8 +175,6 @@ class FunctionSpace:
     def extend_conditions(self, terms: ConditionTerms) -> ConditionTerms:
         """Return the ``terms`` of conditions, given in the coefficients of the splines, in all unknowns."""
         return terms
-
-    # Projection
 
     @cached_property
     def projection_matrix(self) -> SparseMatrix:
@@ -246,8 +238,6 @@ class FunctionSpace:
         """Return the unknowns (n, k) of the L2 projections of ``values`` (p, k) at the samples on the manifold."""
         return self.solve_projection(self.load(values))
 
-    # Coarser levels
-
     @cached_property
     def plain_levels(self) -> list[Level]:
         """The multigrid levels of coarser lattices, with prolongations: of twice the spacing, four times, and so on.
@@ -265,8 +255,6 @@ class FunctionSpace:
     def refined_levels(self) -> list[Level]:
         """The multigrid levels between refined spaces, which precede :attr:`plain_levels`; none without refinement."""
         return []
-
-    # Description
 
     def describe(self) -> dict[str, Any]:
         """Return the entries that describe the space in reports, as plain values; none here."""
