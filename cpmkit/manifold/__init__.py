@@ -1,1 +1,1 @@
-"""Manifolds by closest points: sources, tangents, orientation, walks; unions of mixed dimension; vector algebra."""
+"""Manifolds by closest points: sources and their abilities, tangents, orientation, unions; and vector algebra."""

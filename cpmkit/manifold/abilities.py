@@ -1,4 +1,4 @@
-"""The optional abilities of a source, a manifold given by closest points: it has an ability if it has its methods."""
+"""The optional abilities of a source (a manifold given by closest points): protocols of further methods."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class HasCreases(Protocol):
 
 @runtime_checkable
 class HasInside(Protocol):
-    """A closed hypersurface that knows on which side a point lies, also at corners where its normals do not tell."""
+    """A closed hypersurface that knows on which side a point lies, also near corners where normals do not decide."""
 
     def closest_point_and_inside(self, x: Floats, /) -> tuple[ClosestPoints, Bools]:
         """Return the closest points of ``x`` (n, d), and whether each of ``x`` lies inside or on it, (n,)."""
@@ -55,7 +55,7 @@ class HasTangents(Protocol):
 class HasLeft(Protocol):
     """A curve in a surface, or a surface in a solid, that has a left side of its own, such as a cut by a function.
 
-    An optional attribute ``left_of``, (d,) or None, is a point on the left: it decides where surfaces have no normals.
+    An optional attribute ``left_of``, (d,) or None, is a point on the left, which is used if surfaces have no normals.
     """
 
     def leftward(self, feet: ClosestPoints, /) -> Floats:
@@ -175,14 +175,14 @@ class Advice:
     floor: float = 0.0
     #: One sentence for each property that may spoil a solution: merged or doubtful samples, repairs.
     warnings: tuple[str, ...] = ()
-    #: The same error in the form ``galerkin``, whose integrals depend less on slopes than closest points off the
-    #: manifold do. None if it is about ``floor``.
+    #: The same error in the form ``galerkin``, whose integrals depend less on errors of normals than closest points of
+    #: nodes do. None if it is about ``floor``.
     integral_floor: float | None = None
     #: Further sentences for the form ``collocation``: places, such as creases, near which closest points jump.
     closest_point_warnings: tuple[str, ...] = ()
     #: False if the cells of the source's mesh are points, or too many or too distorted for quadrature.
     mesh_for_samples: bool = True
-    #: Number of feet if they are finitely many points that stand for a manifold: nothing can be integrated over it.
+    #: Number of feet if finitely many points stand for the manifold, as in a cloud; then nothing can be integrated.
     foot_count: int | None = None
 
 
@@ -234,7 +234,7 @@ def integral_floor_of(source: object, spacing: float) -> float:
 def has_finite_feet(source: ClosestPointSource) -> bool:
     """Return whether ``source``, or a member of it, has finitely many points that stand for a manifold: is a cloud.
 
-    Where the advice of a member does not state this, its deprecated attribute ``foot_count`` is read, with a warning.
+    If the advice of a member does not state this, its deprecated attribute ``foot_count`` is read, with a warning.
     """
     size = float(np.ptp(np.asarray(source.bounds, dtype=np.float64), axis=0).max()) or 1.0
     for member in members_of(source):

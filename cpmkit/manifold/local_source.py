@@ -186,9 +186,9 @@ def measure_noise(source: LocalSource, spacing: float) -> LocalSource:
     """Return a copy of the source with its ``noise``, the random error of feet, measured near 25 random feet.
 
     All points of the segment from a query to its foot have the same foot. Computed feet of such points coincide if they
-    are exact, and lie on a smooth curve if their error is smooth; third differences along the segment leave the random
-    error, with 20 times its variance. Queries lie within half a ``spacing`` of a foot along each axis. The noise is the
-    root of the median variance, or 0 if that is mere rounding.
+    are exact, and lie on a smooth curve if their error is smooth: third differences along the segment have 20 times the
+    variance of the random error. Queries lie within half a ``spacing`` of a foot along each axis. The noise is the root
+    of the median variance, or 0 if it is mere rounding.
     """
     rng = np.random.default_rng(0)
     low, high = source.bounds

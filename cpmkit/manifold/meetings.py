@@ -1,4 +1,4 @@
-"""Places where members of different dimension in a union meet, found from their closest points once for a union."""
+"""Places where members of different dimension in a union meet, computed from closest points and cached."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PART_SHARE = 0.02
 #: A rim reaches the edge of a solid if it is nearer than this share of the largest side: the chords of a polygon of 32
 #: corners are off the circle by a quarter of a percent of its diameter.
 REACHED_SHARE = 3e-3
-#: A curve and a surface are tangent between two places where they are nearer than so many touching distances.
+#: A curve and a surface are tangent between two places if their distance between is below so many touching distances.
 TANGENT_FACTOR = 10.0
 #: Number of points on a curve at which its distance from other members is computed.
 CURVE_SAMPLES = 4000
@@ -36,8 +36,8 @@ class Meeting:
     lower: int  #: The number of the member of lower dimension.
     higher: int  #: The number of the other member.
     #: "along": all of the lower member lies on the other, or on the boundary of a solid. "points": they meet at single
-    #: points. "in part": a part of the lower member lies on the other, or in it. "within": it lies in a solid and
-    #: divides it. "inside": it is a curve in a solid in space.
+    #: points. "in part": a part of the lower member lies on or in the other. "within": the lower member lies in a solid
+    #: and divides it. "inside": the lower member is a curve in a solid in space.
     how: Literal["along", "points", "in part", "within", "inside"]
     #: (k, d): points where they meet, for "points" all of them; for "in part" a point where the lower one leaves.
     places: Floats
@@ -48,7 +48,7 @@ _MEETINGS: WeakKeyDictionary[ClosestPointSource, tuple[Meeting, ...]] = WeakKeyD
 
 
 def meetings_of(surface: ClosestPointSource) -> Sequence[Meeting]:
-    """Return where members of different dimension of a union meet, for each pair that does, whatever the spacing."""
+    """Return a meeting for each pair of members of different dimension in a union that meet, whatever the spacing."""
     if surface not in _MEETINGS:
         found = [_meeting(surface, *pair) for pair in pairs_of_dimensions(members_of(surface))]
         _MEETINGS[surface] = tuple(each for each in found if each is not None)
@@ -90,7 +90,7 @@ def _where_it_leaves(samples: Floats, on: Bools) -> Floats:
 
 
 def samples_of(source: ClosestPointSource) -> tuple[Floats, float]:
-    """Return points (n, d) of a source, and of a curve with a mesh the distance between neighbours; else 0."""
+    """Return points (n, d) of a source, and for a curve with a mesh the distance between neighbours, else 0."""
     box = np.asarray(source.bounds, dtype=np.float64)
     size = float(np.ptp(box, axis=0).max())
     if largest_dim(source) == 1 and isinstance(source, HasMesh):
@@ -128,9 +128,9 @@ def _crossings(
 
 
 def _without_tangents(curve: ClosestPointSource, other: ClosestPointSource, places: Floats, touching: float) -> Floats:
-    """Return the ``places`` (k, d), by ascending gap, without later ones where the curve runs along the other source.
+    """Return the ``places`` (k, d), sorted by gap, with one place where the curve runs along the other source.
 
-    Where they are tangent many points of the curve touch; neighbours are one place if the curve touches between them.
+    Where the two are tangent, many points of the curve touch; neighbours are one place if the curve touches between.
     """
     if len(places) < 2:
         return places
@@ -152,7 +152,7 @@ def _without_tangents(curve: ClosestPointSource, other: ClosestPointSource, plac
 def edges_near(source: ClosestPointSource, places: Floats) -> dict[int, Floats]:
     """Return points (m, d) of each edge loop of ``source`` on which some of ``places`` (k, d) lie, by its number.
 
-    Steps away from the places decide: the closest point to an end may be off all edges, by rounding.
+    The test moves the places a little, since by rounding the closest point of an end may be off all edges.
     """
     steps = _steps(source.dim, touching_distance(source))
     feet = source.closest_point((places[:, None] + steps).reshape(-1, source.dim))
@@ -160,10 +160,10 @@ def edges_near(source: ClosestPointSource, places: Floats) -> dict[int, Floats]:
 
 
 def reaches_edge(lower: ClosestPointSource, source: ClosestPointSource, points: Floats, loop: int | None) -> Bools:
-    """Return where among ``points`` (n, d) of its rims ``lower`` reaches the edge ``loop`` of ``source``, any for None.
+    """Return whether (n,) ``lower`` reaches the edge ``loop`` of ``source`` at each of ``points`` (n, d) of its rims.
 
-    As for :func:`edges_near`, steps away from the points decide. One is longer, outwards from ``lower``, since a
-    polygon may be off a curved edge.
+    ``loop`` None means any edge. As for :func:`edges_near`, the test moves the points a little; one move is longer,
+    outwards from ``lower``, since a polygon may be off a curved edge.
     """
     steps, dim = _steps(source.dim, touching_distance(source)), source.dim
     around = points[:, None] + steps
@@ -175,12 +175,12 @@ def reaches_edge(lower: ClosestPointSource, source: ClosestPointSource, points: 
 
 
 def distinct_places(places: Floats, of: ClosestPointSource) -> Floats:
-    """Return ``places`` (k, d) without those that coincide with earlier ones, to rounding relative to ``of``."""
+    """Return ``places`` (k, d) without repetitions, to rounding relative to the size of ``of``."""
     return places[sorted(_distinct(places, np.zeros(len(places)), 4 * touching_distance(of)))]
 
 
 def is_near(source: ClosestPointSource, points: Floats, of: ClosestPointSource) -> Bools:
-    """Return (n,) whether ``points`` (n, d) touch a source, relative to the size of ``of``."""
+    """Return whether (n,) each of ``points`` (n, d) touches a source, relative to the size of ``of``."""
     return np.asarray(norms(source.closest_point(points).points - points) <= touching_distance(of))
 
 
@@ -195,7 +195,7 @@ def _steps(dim: int, touching: float) -> Floats:
 
 
 def _at_ends(source: ClosestPointSource, places: Floats, touching: float) -> Floats:
-    """Return ``places`` (k, d) on a source, with those about as near to its edge as ``touching`` moved there."""
+    """Return ``places`` (k, d) on a source, moved onto its edge if they are about as near as ``touching``."""
     feet = source.closest_point((places[:, None] + _steps(source.dim, touching)).reshape(-1, source.dim))
     at_edge = (feet.edge >= 0).reshape(len(places), -1)
     moved = feet.points.reshape(len(places), -1, source.dim)[np.arange(len(places)), at_edge.argmax(axis=1)]
@@ -211,10 +211,10 @@ def pairs_of_dimensions(members: Sequence[ClosestPointSource]) -> list[tuple[int
 def approaches(
     lower: ClosestPointSource, higher: ClosestPointSource, within: float, touching: float
 ) -> tuple[float, Floats]:
-    """Return the places (k, d) of ``lower`` where two members meet, or else come ``within`` a distance, and how near.
+    """Return the least distance of two members, and the places (k, d) of ``lower`` where it is at most ``within``.
 
-    The places, in a fixed order, at least ``within`` and 2 percent of the bounds apart, are found by alternating
-    projections from up to 64 of about 1000 points, which may miss some. A distance up to ``touching`` is 0.
+    The places, in a fixed order and at least ``within`` and 2 percent of the bounds apart, are found by alternating
+    projections from up to 64 of about 1000 points, which may miss some. A distance up to ``touching`` is returned as 0.
     """
     boxes = np.array([lower.bounds, higher.bounds], dtype=np.float64)
     low, high = boxes[:, 0].max(axis=0) - within, boxes[:, 1].min(axis=0) + within
@@ -236,7 +236,7 @@ def approaches(
 def _project_in_turn(
     lower: ClosestPointSource, higher: ClosestPointSource, x: Floats, near: float
 ) -> tuple[Floats, Floats]:
-    """Return points x and y, (k, d) each, on two sources, projected in turn until all pairs are as ``near`` as that."""
+    """Return points x and y, (k, d) each, on two sources, by alternating projections until all pairs are ``near``."""
     y = higher.closest_point(x).points
     for _ in range(200):
         if norms(y - x).max(initial=0.0) <= near:
@@ -247,7 +247,7 @@ def _project_in_turn(
 
 
 def _distinct(points: Floats, distance: Floats, apart: float) -> list[int]:
-    """Return the rows of ``points`` (n, d) by ascending ``distance`` (n,), without those less ``apart`` from others."""
+    """Return rows of ``points`` (n, d), by ascending ``distance`` (n,), that are at least ``apart`` from each other."""
     left, chosen = np.argsort(distance, kind="stable"), []
     while len(left):
         chosen.append(int(left[0]))

@@ -26,7 +26,7 @@ def near_miss_warnings(surface: ClosestPointSource, spacing: float) -> tuple[str
 def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> list[str]:
     """Return a list with a warning if members of a union, of different dimension, are within 4 spacings, else [].
 
-    With ``spacing`` zero these are members that touch, up to rounding. The warning states the places of the nearest
+    If ``spacing`` is zero, only members that touch, up to rounding, count. The warning states the places of the nearest
     pair, and the consequence for a solution on a band.
     """
     members, touching = members_of(surface), touching_distance(surface)

@@ -70,9 +70,9 @@ AS_GIVEN = Orientation()
 def transported_cosines(first: Floats, second: Floats, chords: Floats, short: float) -> Floats:
     """Return the cosines (...) between unit vectors ``second`` and ``first``, moved along ``chords``, all (..., d).
 
-    The first, a normal or conormal, is rotated as along a circular arc with this chord, to its mirror image in the
-    plane across the chord. This is right to third order on a smooth curve or surface, and also across a corner in the
-    middle of the chord, where the directions may be far apart. Chords up to the length ``short`` rotate nothing.
+    The first vector, a normal or conormal, is rotated as along a circular arc with this chord, to its mirror image in
+    the plane across the chord. This is right to third order on a smooth curve or surface, and also across a corner at
+    the midpoint of the chord, where directions may be far apart. Chords up to the length ``short`` rotate nothing.
     """
     length = np.linalg.norm(chords, axis=-1, keepdims=True)
     unit_chords = chords / np.where(length > 0, length, 1.0)
@@ -86,9 +86,9 @@ def propagate_signs(
 ) -> tuple[Floats, Ints, bool, bool]:
     """Return ``directions`` (s, d), unit normals or conormals at ``points`` (s, d), with signs that neighbours share.
 
-    Points are about ``spacing`` apart; those within :data:`NEIGHBOUR_SPACINGS` are neighbours; with unit ``tangents``
-    (s, d), of a curve, only those ahead or behind. Signs follow a minimum spanning tree of pairs of neighbours, with
-    small weights where directions agree well, from the first point of each piece, which keeps its sign.
+    Points are about ``spacing`` apart; neighbours are points within :data:`NEIGHBOUR_SPACINGS`; with the unit
+    ``tangents`` (s, d) of a curve, only points ahead or behind. Signs follow a minimum spanning tree of pairs of
+    neighbours, with small weights where directions agree well, from the first point of each piece, whose sign stays.
 
     Returned ``directions`` (s, d).
     Returned ``piece`` (s,): number of the connected piece of each sample; signs of different pieces are independent.

@@ -1,4 +1,4 @@
-"""The projection of a boundary on its manifold: the curve that a boundary beside the manifold stands for."""
+"""The projection of a boundary to its manifold, which replaces a boundary that is slightly off the manifold."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from cpmkit.types import Floats, Ints
 
 #: A boundary nearer to the manifold than this share of its largest side counts as on it.
 ON_MANIFOLD_SHARE = 1e-9
-#: A curve farther off the manifold than this share of the step of differences has a projection of another direction.
+#: If a curve is farther off the manifold than this share of the step of differences, the tangents of its projection are
+#: computed separately.
 OFF_STEPS = 0.01
-#: Step of the differences that give this direction, as a share of the distance from the manifold.
+#: Step of the differences for these tangents, as a share of the distance from the manifold.
 STEP_SHARE = 0.01
 #: Most rounds of the search: each reduces the error by the square of the sine of the angle to the manifold, or more.
 MOST_ROUNDS = 30
@@ -58,8 +59,8 @@ def tangents_of_projection(
     """Return the rows (k,) at which a curve is off the manifold, and the unit tangents (k, d) of its projection there.
 
     ``feet`` and ``on_manifold`` are those of :func:`nearest_on_projection`; ``step`` is the length of the differences
-    that replace tangents which the curve does not have. Rows at corners of such a curve, or where the projection stands
-    still, are left out.
+    for curves without tangents of their own. Rows at corners of such a curve, or where the projection does not move
+    along the curve, are left out.
     """
     gap = norms(on_manifold.points - feet.points)
     rows = np.flatnonzero(gap > OFF_STEPS * step)

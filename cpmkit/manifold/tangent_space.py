@@ -59,8 +59,8 @@ def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Float
 def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -> tuple[Floats, Bools]:
     """Return unit tangents (n, d) of a curve at ``feet`` (:func:`unit_tangents`), and a mask (n,) of corners and ends.
 
-    These are found only on curves without tangents of their own: where the two largest eigenvalues of the Jacobian,
-    which are 1 and 0 on a smooth curve, differ by less than 0.7. ``step`` is the step of its differences.
+    Corners and ends are detected only on curves without tangents of their own: there the two largest eigenvalues of the
+    Jacobian, which are 1 and 0 on a smooth curve, differ by less than 0.7. ``step`` is the step of its differences.
     """
     corner = np.zeros(len(feet), dtype=bool)
 
@@ -110,7 +110,7 @@ def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) ->
         lean = -unit((_feet_around(member, y, step) - y[:, None]).sum(axis=1))
         if member.has_normals or member.has_tangents:
             return unit(project_tangent(member, member_edge, lean, step))
-        # Differences across the edge would bend T by O(h): it is extrapolated from two points inside.
+        # differences across the edge would cause an error O(h) in T, which is extrapolated from two points inside
         inside = (member.closest_point(y - distance * step * lean) for distance in (2, 4))
         near, far = (unit(project_tangent(member, feet, lean, step)) for feet in inside)
         return unit(2 * near - far)
@@ -141,9 +141,9 @@ def left_conormals(
 ) -> Floats:
     """Return the unit conormals v = n x t (n, d) to the left of a boundary, or those that its source gives.
 
-    Here n is the normal of the manifold, in an area of the plane the third axis, and t the tangent of the boundary. Of
-    a point on a curve v is -t, t the tangent of the curve; of a surface in a solid it is the normal of the surface; at
-    a corner or end (:func:`tangents_and_corners`) the mean of the samples near by, if there are any.
+    Here n is the normal of the manifold, in an area of the plane the third axis, and t the tangent of the boundary. At
+    a point on a curve, v is -t with t the tangent of the curve; on a surface in a solid it is the normal of the
+    surface; at a corner or end (:func:`tangents_and_corners`) the mean of the samples near by, if there are any.
     King et al. (2024), section 4.7, eq. 11 and eq. 18: v is the normal of S_perp, and the binormal b.
 
     ``source``, ``surface``: the boundary, all of one dimension, one less than the manifold's there, and the manifold.
@@ -228,9 +228,9 @@ def walk(
     """Return the walk by steps along the source from ``start`` to feet at which ``goal`` (n, d) lies along the normal.
 
     A jump to the foot of the goal's projection could land on another sheet. Each step follows the tangential part of
-    the vector to the goal; this part shrinks by ``1 - height * curvature`` times the step, so the length of a step is
-    chosen from how much it shrank in the last step (Barzilai and Borwein 1988), at most 4 times this part. A walk ends
-    after 60 steps wherever it is; on points there are none.
+    the vector to the goal. This part shrinks by ``1 - height * curvature`` times the step; the length of a step, at
+    most 4 times this part, is chosen from how much it shrank in the last step (Barzilai and Borwein 1988). A walk ends
+    after 60 steps wherever it is; on points there are no steps.
 
     ``start``: one point of the manifold for each goal.
     ``spacing``: spacing of the lattice; a step is at most half of it.

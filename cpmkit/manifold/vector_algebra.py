@@ -1,4 +1,4 @@
-"""Inner products, lengths and rotations of rows, computed by components: a row's result never depends on its batch."""
+"""Inner products, lengths and rotations of rows, by components, so that a result does not depend on other rows."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ def unit(a: Floats) -> Floats:
 def nearest_shares(offsets: Floats, along: Floats) -> Floats:
     """Return the shares (...), 0 to 1, of the segments ``along`` (..., d) at which they are nearest to points.
 
-    The points are at ``offsets`` (..., d) from the starts of their segments. It is 0 for a segment of length zero.
+    The points are at ``offsets`` (..., d) from the starts of their segments. The share of a segment of length zero is
+    0.
     """
     return np.asarray(np.clip(dots(offsets, along) / np.maximum(dots(along, along), np.finfo(float).tiny), 0.0, 1.0))
 

@@ -222,7 +222,7 @@ def named_sides(boundaries: Sequence[Boundary], side: Sides, has_left: Sequence[
     ``side`` is a mapping from names to sides (other boundaries are left out), a side for all boundaries that have
     sides, or None (then the result is empty). ``has_left`` is whether each boundary has sides; by default all have.
 
-    Raises InputError if a name is not that of a boundary, it has no sides, or a side is neither left nor right.
+    Raises InputError if a name is that of no boundary or of one without sides, or a side is neither left nor right.
     """
     names = [boundary.name for boundary in boundaries]
     with_sides = [name for name, has in zip(names, has_left or [True] * len(names), strict=True) if has]

@@ -132,7 +132,7 @@ class Eigen(Equation[EigenFamily]):
     def direct_solver_limit(self, multigrid: bool) -> float:
         """Return the largest number of unknowns for the direct solver, as :meth:`Equation.direct_solver_limit` does.
 
-        It is 60 with ``near`` beside ``multigrid``, each of whose solves takes about 20 cycles inside the spectrum.
+        The limit is 60 with ``near`` and ``multigrid``, since a multigrid solve inside the spectrum takes 20 cycles.
         """
         return 60.0 if multigrid and self.near is not None else super().direct_solver_limit(multigrid)
 

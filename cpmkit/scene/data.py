@@ -239,10 +239,10 @@ def call_pointwise(
 ) -> Floats:
     """Return the values of a function at points, of this ``shape``: (p,) or (p, channels).
 
-    The function receives the first of ``arrays`` (p, ...), as many as it has parameters without defaults, but ``least``
-    of them at least; and a ``time`` that is not None if it has a ``t`` without a default. It may return one number for
-    all points, and (p,) where (p, 1) is needed. Raises InputError, with ``label`` for the function, if it raises a
-    TypeError or ValueError, returns another shape, or returns NaN or infinity and ``finite`` is True.
+    The function receives the first of ``arrays`` (p, ...), as many as it has parameters without defaults, and at least
+    ``least``; if it has a parameter ``t`` without a default, it also receives ``time``, unless None. It may return one
+    number for all points, and (p,) in place of (p, 1). Raises InputError, with ``label`` for the function, if it raises
+    a TypeError or ValueError, returns another shape, or returns NaN or infinity and ``finite`` is True.
     """
     timed = {"t": time} if time is not None and takes_time(function) else {}
     try:
@@ -269,7 +269,7 @@ DIFFERENCE_SHARE = 1e-6
 
 
 def central_difference(function: Callable[[Floats], Floats], x: Floats, step: Floats | None = None) -> Floats:
-    """Return the derivative (k,), by central differences, of a function that acts on each number of x (k,) by itself.
+    """Return the derivative (k,), by central differences, of a function that acts on each entry of x (k,) separately.
 
     The ``step`` (k,) is by default 1e-6 of the largest absolute value of x, or 1e-6 if all are zero.
     """

@@ -115,7 +115,7 @@ def _symmetric(tensors: Floats, label: str) -> Floats:
         raise InputError(f"{label} must be finite, got NaN or infinity.")
     transposed = np.swapaxes(tensors, -1, -2)
     off, size = np.abs(tensors - transposed).max(initial=0.0), np.abs(tensors).max(initial=0.0)
-    if off > 1e-9 * size:  # more than the rounding of entries that are computed separately
+    if off > 1e-9 * size:  # more than rounding
         raise InputError(
             f"{label} must be a symmetric tensor, got entries across the diagonal that differ by {off:.3g}; of an "
             "unsymmetric one give the symmetric part, and what the rest carries as a velocity."
@@ -164,7 +164,7 @@ class StateDiffusivity:
         return np.asarray(a[:, None, None] * np.eye(slopes.shape[1]) + along[:, None, None] * squares)
 
     def flux_derivative_by_value(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
-        """Return the derivative (k, d) of a grad u by u, da/du grad u; arguments as for :meth:`evaluate`."""
+        """Return the derivative (k, d) of a grad u with respect to u, da/du grad u; arguments as for `evaluate`."""
         s = np.linalg.norm(slopes, axis=1)
         if self.by_value is not None:
             rate = self._values(self.by_value, u, s, points, " by u")

@@ -32,7 +32,7 @@ class EdgeLoopError(SceneError):
         super().__init__(text.format(loop=loop, given=lists[0] or "none", loops=lists[1]))
 
     def renumber(self, given: Iterable[int], number_of: Callable[[int], int]) -> EdgeLoopError:
-        """Return the error of a scene whose table has the numbers ``given``; ``number_of`` is that of each loop."""
+        """Return the error for a scene whose table has the numbers ``given``; ``number_of`` renumbers the loops."""
         return EdgeLoopError(self.text, number_of(self.loop), given, map(number_of, self.loops))
 
 
@@ -149,7 +149,7 @@ def conditions_of_edge(edge: EdgeConditions) -> list[Condition]:
 
 
 def edge_structure(edge: EdgeConditions) -> Any:
-    """Return lists of the ``where`` (None on the rest) of each loop's parts, by its number (None: every loop)."""
+    """Return by the number of each loop (None: every loop) the list of its parts' ``where``, None for the rest."""
     return {loop: [part.where for part in conditions.parts] for loop, conditions in loops_of_edge(edge).items()}
 
 

@@ -69,7 +69,7 @@ class Junction:
 
 @dataclass(frozen=True, eq=False)
 class JunctionLaw(Flux):
-    """No flux of its own: what flows there is added by the junction, which involves u."""
+    """The law of zero flux on a junction's sides, to which the junction adds a flux that depends on u."""
 
     resistance: float = 0.0  #: That of the junction.
     involves_value: ClassVar[bool] = True
@@ -77,7 +77,7 @@ class JunctionLaw(Flux):
 
 @dataclass(frozen=True, eq=False)
 class JunctionSide(Condition):
-    """The condition on the sides of a cut of a member, and on its edge, where one of another dimension meets it."""
+    """The condition on a member's cut or edge where a member of another dimension meets it."""
 
     flux: float = 0.0
     resistance: float = 0.0
@@ -110,7 +110,7 @@ def check_junctions(given: Any, surface: ClosestPointSource) -> Any:
 
 
 def junction_of(junctions: Junctions, first: int, second: int) -> Junction:
-    """Return the law of the junction of two members, by their numbers; that of a pair without one is continuity."""
+    """Return the law of the junction of two members, by their numbers; by default continuity."""
     if isinstance(junctions, Junction):
         return junctions
     low, high = sorted((first, second))
@@ -151,7 +151,7 @@ def crossed_member_warnings(scene: Scene) -> tuple[str, ...]:
 
 
 def unsupported_junction(surface: ClosestPointSource) -> str:
-    """Return in words the first place of a union where members meet in a way that no law covers; "" without one."""
+    """Return in words the first place of a union where members meet in an unsupported way; "" if there is none."""
     members = members_of(surface)
     for meeting in meetings_of(surface):
         dims = [largest_dim(members[number]) for number in (meeting.lower, meeting.higher)]
@@ -167,9 +167,9 @@ def unsupported_junction(surface: ClosestPointSource) -> str:
 
 
 def check_radii(surface: ClosestPointSource, junctions: Junctions) -> None:
-    """Raise SceneError if a curve meets a surface at a point of a union, and ``junctions`` have no radius of it.
+    """Raise SceneError if a curve meets a surface at a point, and ``junctions`` do not give the curve's radius.
 
-    Also if one law has a radius, and the union has no junction for it.
+    Also if the law of all junctions has a radius, and no junction of the union takes one.
     """
     meetings = meetings_of(surface)
     has_place = any(meeting.how in ("points", "inside") for meeting in meetings)

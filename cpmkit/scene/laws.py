@@ -1,4 +1,4 @@
-"""Laws: the standard relations to which conditions are reduced; discretisations use laws, and no class of conditions.
+"""Laws: the standard relations to which conditions are reduced; discretisations use laws, and know no conditions.
 
 Every condition has one law. A law on one side is ``alpha du/db + beta u = datum`` with b the conormal out of
 that side; terms that depend on the solution (lambda u, a nonlinear flux) are not part of this relation.
@@ -150,7 +150,7 @@ class Nonlinear(_Law):
 
     @property
     def factors(self) -> tuple[Any, ...]:
-        """A new object, so that this law equals no other: its functions are not compared."""
+        """A new object, so that this law is equal to no other, since functions cannot be compared."""
         return (object(),)
 
     def flux_at(self, values: Floats, points: Floats) -> Floats:

@@ -54,7 +54,7 @@ class SampledBoundary:
     left: Floats  #: (s, d): unit conormals at the samples.
     piece: Ints  #: (s,): number of the connected piece of each sample.
     is_own: Bools  #: (s,): where the sources provide all directions, and so the left side.
-    consistent: bool  #: False where a conormal comes back reversed along some closed path.
+    consistent: bool  #: False if left and right exchange along some closed path, as on a Moebius strip.
     spacing: float  #: Distance between the samples.
 
     @classmethod
@@ -62,8 +62,8 @@ class SampledBoundary:
         """Return ``source`` sampled at the first density that determines the signs of its conormals, or at the highest.
 
         ``dimension`` is that of the manifold ``surface``. Samples at corners of a curve in a surface are left out,
-        unless all are. Conormals that the sources do not provide are differences over half the spacing; those that they
-        provide determine the signs.
+        unless all are corners. Conormals that the sources provide determine the signs; others are differences over half
+        the spacing.
         """
         for samples, spacing in samplings(source, surface):
             tangents = None
@@ -89,14 +89,14 @@ class SampledBoundary:
 
     @property
     def signs(self) -> Orientation:
-        """The unit conormals to the left at the samples, as an ``Orientation`` from which others take their signs."""
+        """The unit conormals to the left at the samples, as an ``Orientation``, which gives the signs of others."""
         return Orientation(self.on_surface.points, self.left, self.spacing)
 
     def with_left_chosen(self, left_of: Floats | None) -> tuple[SampledBoundary, set[str]]:
         """Return the boundary with the left of each connected piece chosen, and a subset of {"left_of", "rule"}.
 
-        Where the sources do not provide it, left is the side of the point ``left_of`` (d,), relative to the origin of
-        the sources; by a rule if it is None or on neither side of a piece. The subset names the choices that were made.
+        If the sources do not provide it, left is the side of the point ``left_of`` (d,), relative to the origin of the
+        sources; if that is None or on neither side of a piece, a rule decides. The subset names the choices made.
         """
         sign = np.ones(len(self.samples))
         named: set[str] = set()
@@ -134,8 +134,8 @@ class SampledBoundary:
     def _chord_cosines(self, point: Floats, pieces: Sequence[Bools]) -> Floats:
         """Return for each of ``pieces`` (masks of samples) the cosine between left and the chord to ``point`` (d,).
 
-        The result is (pieces,). A chord begins at the sample of the piece nearest to the projection of ``point`` to the
-        manifold, on the nearest piece at the closest point, and ends at the projection.
+        The result is (pieces,). A chord leads from the sample of the piece that is nearest to the projection of
+        ``point`` to the manifold, on the nearest piece from the closest point, to the projection.
         """
         goal = self.surface.closest_point(point[None]).points[0]
         distance = norms(self.on_surface.points - goal)
@@ -150,7 +150,7 @@ class SampledBoundary:
     def side_points(self) -> Floats:
         """Return a point of the manifold left and one right, (2, d), of a sample, a tenth of the boundary's size away.
 
-        They are relative to the origin of the sources. A single point has the size ``spacing``.
+        The points are relative to the origin of the sources. The size of a single point is ``spacing``.
         """
         middle = len(self.samples) // 2
         size = float(np.ptp(self.source.bounds, axis=0).max()) or self.spacing
@@ -161,7 +161,7 @@ class SampledBoundary:
 def samplings(source: LocalSource, surface: LocalSource) -> Iterator[tuple[ClosestPoints, float]]:
     """Yield samples of the ``source`` of a boundary and their spacing, from coarse to dense; a single point once.
 
-    Neighbouring samples are at most about a spacing apart; for a single point it is 1/64 of the size of ``surface``.
+    Neighbours are at most about a spacing apart; for a single point the spacing is 1/64 of the size of ``surface``.
     """
     size = float(np.ptp(source.bounds, axis=0).max())
     if not size > 0:  # a single point

@@ -64,8 +64,8 @@ class MemberData:
     def __call__(self, points: Floats, t: float | None = None) -> Floats:
         """Return the data (n,) or (n, channels) at ``points`` (n, d): those of the member with the closest point.
 
-        Raises InputError if several points lie in members of two dimensions whose data differ there: rounding would
-        choose.
+        Raises InputError if several points lie in members of two dimensions whose data differ there, so that rounding
+        would decide.
         """
         points = as_points(points, self.source.dim)
         number = self.member_at(points)
@@ -110,14 +110,14 @@ class MemberData:
         return np.zeros(len(points), dtype=np.int64) if element is None else element
 
     def of_members(self, numbers: Sequence[int], source: ClosestPointSource) -> Any:
-        """Return the data of the members with these ``numbers``, of which ``source`` is the union."""
+        """Return the data of the members with these ``numbers``; ``source`` is the union of these members."""
         chosen = [self.values[number] for number in numbers]
         return chosen[0] if len(chosen) == 1 else MemberData(source, chosen)
 
 
 @dataclass(frozen=True)
 class ReactionAt:
-    """A reaction at a time, as a function of values and points; one of :class:`MemberData` is that of each member."""
+    """A reaction at a time, as a function of values and points; :class:`MemberData` give one for each member."""
 
     reaction: Any  #: A function of values (p, channels), and perhaps points (p, d) and t, or one for each member.
     time: float

@@ -93,7 +93,7 @@ class OrientedBoundary:
         """Return whether each closest point is at an open end (n,), around which the solution is continuous.
 
         ``feet`` and ``on_surface`` are those of :meth:`feet`. Unlike King et al. (2024), eq. 16, an end on the rim of
-        the manifold, which ends less than the length ``step`` beyond it, is not open: there the curve divides it.
+        the manifold (less than the length ``step`` from it) is not open, since the curve divides the manifold there.
         """
         end = feet.edge >= 0
         rows = np.flatnonzero(end)
@@ -142,8 +142,8 @@ class OrientedBoundary:
 def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
     """Return ``boundary`` with its orientation in the manifold ``surface``, relative to the centre of its own bounds.
 
-    It does not depend on the spacing. Raises SceneError if its dimension does not fit, ``left_of`` is on the right, or
-    its conditions need a left side that is missing or undetermined.
+    The orientation does not depend on the spacing. Raises SceneError if the boundary's dimension does not fit,
+    ``left_of`` is on the right, or its conditions need a left side that is missing or undetermined.
     """
     origin: Floats = np.asarray(boundary.source.bounds, dtype=np.float64).mean(axis=0)
     source, manifold = localize(boundary.source, origin), localize(surface, origin)
@@ -164,7 +164,7 @@ def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
 def _dimensions_along(points: Floats, source: LocalSource, surface: LocalSource) -> Ints:
     """Return the dimensions (n,) of a union at ``points`` (n, d) of the boundary ``source``.
 
-    Where members lie on each other it is the lowest dimension above that of the boundary, if they touch all points.
+    Where members lie on each other, the lowest dimension above the boundary's counts, if its members touch all points.
     """
     touching = touching_distance(surface.source)
     for dim in sorted({member.largest_dim for member in surface.members}):
@@ -238,8 +238,8 @@ def _find_left(oriented: OrientedBoundary, origin: Floats) -> Left:
 def _check_sides(oriented: OrientedBoundary) -> None:
     """Check that a boundary whose conditions couple or differ has a left side, determined by more than a rule.
 
-    Raises SceneError if not, or if ``left_of`` is on the right by the directions of the sources. If the solution is the
-    same after an exchange of the sides, any left side is accepted.
+    Raises SceneError otherwise, or if ``left_of`` is on the right according to the sources. If the solution does not
+    change when the sides are exchanged, any left side is accepted.
     """
     boundary = oriented.boundary
     on_left, on_right = boundary.condition("left"), boundary.condition("right")

@@ -20,11 +20,11 @@ def _valued_boundaries(scene: Scene) -> list[str]:
 def point_value_warnings(
     scene: Scene, points: Mapping[str, int], samples: tuple[Floats, Floats] | None = None
 ) -> tuple[str, ...]:
-    """Return a tuple of a warning if values at points leave the solution without a limit for small spacings; else ().
+    """Return a warning, in a tuple, if values at points leave u without a limit for small spacings; else ().
 
     In two dimensions a point has capacity zero for equations of second order: u behaves like the logarithm of the
-    distance to it. A single value is well posed where it fixes the constant up to which u is determined, and the total
-    source is zero. Equations of fourth order, and the p-Laplacian for p > 2, have limits.
+    distance to the point. A single value is well posed if it fixes the constant up to which u is determined, and the
+    total source is zero. Equations of fourth order, and the p-Laplacian for p > 2, have limits.
 
     ``points`` maps the name of each boundary without sides to its number of points, 2 for two or more. ``samples`` are
     quadrature points (n, d) of the manifold and their weights (n,), for the integral of f; without them a function f
@@ -54,10 +54,10 @@ def point_value_warnings(
 
 
 def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: float, least: float) -> tuple[str, ...]:
-    """Return a tuple of a warning if values are prescribed on curves of a surface smaller than ``least``; else ().
+    """Return a warning, in a tuple, if values are prescribed on curves of a surface smaller than ``least``; else ().
 
-    Such a curve acts as a hole of size ``least``, the smallest that the lattice's ``spacing`` resolves, but not for
-    equations of fourth order, which have no warning. ``sizes`` maps the name of each boundary that is a curve to the
+    Such a curve acts as a hole of size ``least``, the smallest that the lattice's ``spacing`` resolves. Equations of
+    fourth order have no such effect and no warning. ``sizes`` maps the name of each boundary that is a curve to the
     diagonal of its bounds. Lengths are in the scene's unit.
     """
     if scene.surface.manifold_dim != 2:

@@ -52,11 +52,11 @@ class Scene(Generic[Family]):
         Points and curves inside the manifold, with conditions.
     edge : Condition, list or table, or number, text, sequence or function
         The condition on the rim of an open surface or at the ends of an open curve; or a list of pairs (condition,
-        where), with ``where`` a formula such as ``"x < 0"`` or a function of points, of which the first pair that holds
-        at a point determines the condition, and a condition alone at the end for the rest; or a table of either by the
-        number of the edge loop. Data are short for Dirichlet of them. The default is zero flux.
+        where), with ``where`` a formula such as ``"x < 0"`` or a function of points: the first pair that holds at a
+        point determines the condition there, and a condition alone at the end of the list holds on the rest; or a table
+        of either by the number of the edge loop. Data stand for a Dirichlet condition. The default is zero flux.
     junctions : Junction or table
-        Where members of different dimension in a union meet: the law of all these places, or of some pairs of members
+        The law at all places where members of different dimension in a union meet, or the laws of some pairs of members
         by their numbers, ``{(0, 2): Junction(radius=0.1)}``. By default u is continuous.
 
     Raises
@@ -155,7 +155,7 @@ class Scene(Generic[Family]):
     def channels(self) -> int:
         """Number of right-hand sides that are solved together: the largest number of channels of any data.
 
-        Raises SceneError if other data have a number that is neither 1 nor this, others as :func:`evaluate_data` does.
+        Raises SceneError if other data have neither 1 nor this number, and the errors of :func:`evaluate_data`.
         """
         counts = []
         for label, data, place in self._data():
@@ -173,7 +173,7 @@ class Scene(Generic[Family]):
 
     @cached_property
     def has_tensor(self) -> bool:
-        """True if the diffusivity is a tensor, False if it depends on u; a function of points is evaluated at one."""
+        """True if the diffusivity is a tensor; False if it depends on u. A function is evaluated at one point."""
         diffusivity = self.problem.terms().diffusivity
         if not callable(diffusivity):
             return np.ndim(diffusivity) > 0

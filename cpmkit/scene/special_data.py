@@ -102,9 +102,9 @@ class VertexArrays:
     def replace_arrays(self, instance: Any, label: str) -> Any:
         """Return an equation or condition with arrays replaced by vertex data; an object without arrays is unchanged.
 
-        The result is cached by the object. Raises SceneError if an array, no tensor, has neither one row per vertex nor
-        at most 16 rows, or may be either, or a list has more than 16 numbers; InputError if values are not finite.
-        ``label`` names the object in messages.
+        The result is cached by the object. Raises SceneError if an array that is no tensor has neither one row per
+        vertex nor at most 16 rows, or could be read in both ways, or if a list has more than 16 numbers. Raises
+        InputError if values are not finite. ``label`` names the object in messages.
         """
         if not hasattr(instance, "__dataclass_fields__"):
             return instance
