@@ -39,8 +39,8 @@ class SolveStep:
     """One solve on the way to a target."""
 
     #: ``pilot``: a coarse solve that shows how the error falls and what solves cost; ``companion``: a coarser solution
-    #: with which the answer is compared; ``answer``; ``correction``: a finer answer, as the estimate of the first was
-    #: above the tolerance.
+    #: with which the answer is compared; ``answer``; ``correction``: a finer answer, after an estimated error above the
+    #: tolerance.
     purpose: Purpose
     spacing: float  #: Spacing of the lattice.
     step: float  #: Step in time; 0 for equations without time.
@@ -92,7 +92,7 @@ class AdaptiveRun:
         return self.solves[-1]
 
     def with_scene_modes(self, solution: SolutionRecord) -> SolutionRecord:
-        """Return an eigenvalue solution without the further modes of a coarse one; others and a recipe's unchanged."""
+        """Return an eigenvalue solution without the further modes of coarse solves; others and a recipe's unchanged."""
         if not solution.has_modes or self.is_recipe:
             return solution
         return keep_requested_modes(cast("EigenRecord", solution), self.scene)
@@ -114,7 +114,7 @@ class AdaptiveRun:
         label = f"{purpose} at spacing {spacing:.3g}{about}"
         origin = shifted_origin(self.scene, spacing, len(self.solves) + 1)
         if self.options.get("origin") is not None and any(solve.spacing > spacing for solve in self.solves):
-            origin = self.options["origin"]  # of the possible answers; ratios of later spacings are not integers
+            origin = self.options["origin"]  # may be the answer; ratios of later spacings are not integers
         began = time.perf_counter()
         solution = self.solve_scene(
             scene,
@@ -127,11 +127,11 @@ class AdaptiveRun:
         return self.last
 
     def _make_timed_solve(self, purpose: Purpose, solution: SolutionRecord, seconds: float) -> TimedSolve:
-        """Return the record of a solve of ``seconds``, with its errors from a coarser solution and from it alone.
+        """Return the record of a solve that took ``seconds``, with its error estimated in two ways.
 
-        ``estimate`` is None and ``error`` NaN if no coarser solution serves for a comparison or the form says that
-        differences do not measure errors; ``expected_error`` is NaN for eigenvalues, a run with an ``order``, and forms
-        without an estimate from the solution alone.
+        ``estimate`` and ``error`` come from a coarser solution: None and NaN if there is none to compare with, or the
+        form says that differences do not measure errors. ``expected_error`` comes from the solution alone: NaN for
+        eigenvalues, a run with an ``order``, and forms without such an estimate.
         """
         alone = None if self.order is not None else estimate_alone(solution)
         coarse, fine = self._coarse_solution(solution), self.with_scene_modes(solution)
@@ -203,14 +203,13 @@ class AdaptiveRun:
     def source_error(self) -> float:
         """Return the error due to the source of the manifold, as a share of the range of u; 0 for eigenvalues.
 
-        :func:`measured_source_error` computes it once, for a mesh read as smooth by a solve on the flat triangles if
-        needed. Until then it is the form's estimate if there is no tolerance, a recipe (a function of the user) solves
-        the scene, or a solve has failed.
+        :func:`measured_source_error` computes it once; for a mesh read as smooth this may take a solve on the flat
+        triangles. Without a tolerance, with a recipe (a function of the user that solves the scene), or after a failed
+        solve the form's estimate is returned instead.
         """
         solution = self.last.solution
         if self.measured_floor is None:
             if self.target.tolerance is None or self.is_recipe or self.failure is not None:
-                # a recipe solves its own scene, never that on flat triangles
                 return 0.0 if solution.has_modes else solution.discretized.source_error()
             origin = solution.discretization()["origin"]
             solve = partial(self.solve_scene, spacing=solution.spacing, origin=origin, **self.chosen_options)

@@ -37,9 +37,9 @@ class ErrorEstimate:
     at: Floats  #: (d,): the point where the solutions differ most, in the scene's coordinates.
     slow: str  #: Why the error may fall slowly with the spacing; empty without a reason.
     solution: SolutionRecord  #: The solution.
-    coarse_solutions: tuple[SolutionRecord, ...]  #: Those at larger spacings that it was compared with, coarsest last.
+    coarse_solutions: tuple[SolutionRecord, ...]  #: The solutions at larger spacings for comparison, coarsest last.
     order: float  #: The order at which errors are assumed to fall from the coarsest solution on.
-    #: (channels,): factor of errors at points: the largest error over that estimated from the coarse solutions alone.
+    #: (channels,): factor of errors at points: the largest error over its estimate from the coarse solutions alone.
     factor: Floats
 
     companions = DeprecatedMember("coarse_solutions")
@@ -103,7 +103,7 @@ class ErrorEstimate:
         return {**arrays, "in_time": self.in_time, "slow": self.slow, "held_against_spacings": spacings}
 
     def __str__(self) -> str:
-        """Return the error, what it rarely exceeds, its place and causes in a sentence; of eigenvalues that of each."""
+        """Return the error, its bound, place and causes in a sentence; for eigenvalues the error of each."""
         rms = ", ".join(f"{100 * share:.2g}" for share in self.rms)
         spacing, slow = self.solution.spacing, f"{'; ' if self.slow else ''}{self.slow}"
         if self.solution.has_modes:
@@ -164,7 +164,7 @@ def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
         modes = cast("EigenRecord", fine)
         differences, pointwise = compare_modes(modes, cast("EigenRecord", coarse), points, dims)
         size = np.abs(modes.eigenvalues)
-        # the unit of the error of eigenvalues that count as zero is the first larger eigenvalue
+        # errors of eigenvalues that count as zero are relative to the first larger eigenvalue
         unit = np.maximum(size, size[size > 1e-6 * size.max()].min(initial=size.max()) or 1.0)
         at = points[int(pointwise.max(axis=1).argmax())]
         return Difference(np.stack([differences, differences]) / unit, unit, at, ratio)
@@ -198,14 +198,14 @@ def estimate_from(
     order: float | None = None,
     alone: ExpectedError | None = None,
 ) -> ErrorEstimate:
-    """Return the error of a solution estimated from coarser solutions, of which the coarsest is the last.
+    """Return the error of a solution estimated from coarser solutions, the coarsest last.
 
     Each coarser solution, at r times the spacing, gives ``|u_h - u_rh| / (r^p - 1)``; the estimate is the geometric
     mean of these. The order p is ``order``, or if that is None the form's for differences at that ratio
-    (docs/explanation/accuracy.md). With ``alone`` the result is a weighted geometric mean of this estimate and the
-    estimate from the solution alone: the two are independent, and together are less often too small than either
-    (measured there). It is at least the error that an eigenvalue near zero causes. The error of the steps in time,
-    ``in_time`` (2,), root mean square and largest as shares of the range, is added.
+    (docs/explanation/accuracy.md). With ``alone``, an estimate from the solution alone, the result is a weighted
+    geometric mean of both: they are independent, and their mean is less often too small than either (measured). The
+    result is at least the error that an eigenvalue near zero causes. The error of the steps in time, ``in_time`` (2,),
+    root mean square and largest as shares of the range, is added.
     """
     in_time = np.zeros(2) if in_time is None else in_time
     differences = [difference(solution, coarse) for coarse in coarse_solutions]
@@ -246,8 +246,8 @@ def estimate_from(
 def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Difference) -> tuple[float, float]:
     """Return the rms and the largest error of a solution due to an eigenvalue near zero; 0 if there is none.
 
-    They are shares of the range. The eigenvalue's error is estimated from that of ``coarse`` if it has one, else by the
-    form; ``apart`` is the difference of the two solutions.
+    The errors are shares of the range. The eigenvalue's error is estimated from the eigenvalue of ``coarse``, if known,
+    else by the form; ``apart`` is the difference of the two solutions.
     """
     fine, other = solution.resonance, coarse.resonance
     if fine is None:
@@ -260,11 +260,12 @@ def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Di
 def _combine_estimates(errors: Floats, alone: ExpectedError, unit: Floats) -> Floats:
     """Return the weighted geometric mean (2, channels) of errors from coarse solutions and from the solution alone.
 
-    It is at least 0.45 times the former, and 1.7 times as large where the solution is hardly resolved. ``errors`` (2,
-    channels), root mean square and largest, are shares of ``unit`` (channels,); ``alone`` is in the solution's unit.
+    The mean is at least 0.45 times ``errors``, and is multiplied by 1.7 if the solution is hardly resolved. ``errors``
+    (2, channels), root mean square and largest, are shares of ``unit`` (channels,); ``alone`` is in the solution's
+    unit.
     """
     expected = np.stack([alone.rms, alone.largest]) / unit
-    # less where it is the larger one: a coarse lattice that does not resolve the solution makes differences large
+    # less weight if larger: a coarse lattice that does not resolve the solution makes differences large
     weight = np.where(errors > expected, 0.35, 0.0 if alone.differences_cancel else 0.5)
     mean = errors**weight * np.maximum(expected, np.finfo(float).tiny) ** (1 - weight)
     # at least .45 of the errors from coarse solutions: the solution alone does not show the errors of quadrature;

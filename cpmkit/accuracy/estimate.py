@@ -39,9 +39,9 @@ SolveAt = Callable[[Scene, float], SolutionRecord]
 def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
     """Return the error of a solution, estimated from differences to solutions of its scene at larger spacings.
 
-    The larger spacing is two times that of the solution, or root two times it if that is too coarse; both if ``tight``.
-    The estimate includes the error of steps in time, and its ``floor`` is that of the source. Raises ResolutionError if
-    root two times is too coarse as well, InputError for a frame at the start, and CpmkitError as ``solve_at`` does.
+    The larger spacing is 2 times that of the solution, or the root of 2 times if that is too coarse; both if ``tight``.
+    The estimate includes the error of steps in time, and its ``floor`` is the error due to the source. Raises
+    ResolutionError if both are too coarse, InputError for a frame at the start, and CpmkitError as ``solve_at`` does.
     """
     scene = with_further_modes(_scene_until(solution))
     coarse_solutions = _coarser_solutions(scene, solution, solve_at, RATIOS[tight])
@@ -70,9 +70,9 @@ def _coarser_solutions(
 ) -> list[SolutionRecord]:
     """Return solutions at ``ratios`` times the spacing, or at the root of two times it if these are too coarse.
 
-    A lattice is too coarse if the scene is refused there, or does not resolve bends of the manifold or waves
-    that the solution's lattice resolves. Raises ResolutionError, which names the spacing that the user gave, if root
-    two times is refused as well.
+    A lattice is too coarse if the scene is refused there, or if it does not resolve bends of the manifold or waves that
+    the solution's lattice resolves. Raises ResolutionError, which names the user's spacing, if root two times the
+    spacing is refused as well.
     """
     spacing, ratio = solution.spacing, min(RATIOS[True])
     try:
@@ -103,10 +103,10 @@ def _is_unresolved(solution: SolutionRecord) -> bool:
 def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> Floats:
     """Return the error of the steps in time from a further solve with twice the step.
 
-    The result (2,) is the root mean square and the largest error, shares of the range. ``solve_at`` makes this solve,
-    on the lattice of ``solution``; a coarse one suffices if it resolves what the velocity moves. 0 for equations
-    without time, and if twice the step exceeds the duration. Raises ResolutionError, which says that the user's own run
-    is unaffected, if the run with twice the step is refused.
+    The result (2,) is the root mean square and the largest error, shares of the range; 0 for equations without time,
+    and if twice the step exceeds the duration. ``solve_at`` makes the further solve, on the lattice of ``solution``,
+    which may be coarse if it resolves what the velocity moves. Raises ResolutionError, which says that the user's own
+    run is unaffected, if the run with twice the step is refused.
     """
     problem: Any = solution.scene.problem
     if problem.family != "time" or 2 * problem.step > problem.duration:
@@ -134,9 +134,9 @@ def measured_source_error(
 ) -> float:
     """Return the error due to the source of the manifold, as a share of the solution's range; 0 for eigenvalues.
 
-    The form estimates it, for a mesh from areas. If the estimate is above ``negligible`` and the source is a mesh read
-    as smooth, the scene is also solved on the flat triangles, since solutions differ by less than areas do. The
-    ``solution`` is a coarse one, as the further solve costs as much; ``solve`` solves a scene on its lattice.
+    The form estimates the error, for a mesh from areas. If the estimate is above ``negligible`` and the source is a
+    mesh read as smooth, the scene is also solved on the flat triangles, since solutions differ by less than areas do.
+    The ``solution`` should be coarse, as the further solve costs as much; ``solve`` solves a scene on its lattice.
     """
     if solution.has_modes:
         return 0.0
@@ -206,7 +206,7 @@ def coarse_solver(options: Mapping[str, Any]) -> SolveAt:
 def with_further_modes(scene: Scene) -> Scene:
     """Return the scene to be solved at other spacings for comparison: an eigenvalue problem asks for 6 further modes.
 
-    Close modes may come in another order there. A scene with any other problem is unchanged.
+    Close modes may have another order at another spacing. A scene with any other problem is unchanged.
     """
     problem: Any = scene.problem
     if problem.family != "eigen":

@@ -83,8 +83,8 @@ def solve_to_target(
 ) -> SolutionRecord:
     """Solve at several spacings until the target is met or cannot be met, and return the solution.
 
-    It is that of :func:`search_solution`. ``options`` are those of ``solve``. Raises InputError if an option or the
-    scene needs a spacing to be given. Raises CpmkitError as ``solve`` does, where no spacing serves.
+    The solution is that of :func:`search_solution`. ``options`` are those of ``solve``. Raises InputError if an option
+    or the scene needs a given spacing. Raises CpmkitError as ``solve`` does, if the scene is solved at no spacing.
     """
     _check_target_options(scene, options)
     given = {name: value for name, value in options.items() if name != "origin"}
@@ -188,9 +188,9 @@ def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float 
 def search_solution(run: AdaptiveRun) -> SolutionRecord:
     """Search for the spacing at which the target of ``run`` is met, and return a solution with estimate and history.
 
-    It is the last one if the tolerance, or the source's own error, is reached, else that with the smallest estimated
-    error. It has a warning if the tolerance is not reached, limits are not kept, or a solve failed. ``estimated`` is
-    None if no coarser solution could be compared. Raises CpmkitError as :func:`search_spacing` does.
+    The last solution is returned if the tolerance, or the source's own error, is reached, else the solution with the
+    smallest estimated error. It has a warning if the tolerance is not reached, limits are exceeded, or a solve failed.
+    Its ``estimated`` is None without a coarser solution to compare with. Raises CpmkitError as `search_spacing` does.
     """
     status, aim = search_spacing(run)
     best = run.last if status in ("reached", "floor") else run.best

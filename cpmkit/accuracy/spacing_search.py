@@ -27,14 +27,14 @@ from cpmkit.scene.scene import Scene
 AIMED_SHARE = 0.55
 #: Largest order at which errors are assumed to fall where they may fall slowly.
 MOST_SLOW_ORDER = 1.3
-#: Ratios of consecutive spacings: the least, as a smaller one shows little and costs nearly as much again; the
-#: largest, so that solutions can be compared, and no integer, since lattices would share nodes; and the ratio up to
-#: which no solve is made in between.
+#: Ratios of consecutive spacings: the least (a smaller ratio shows little and costs nearly as much again); the largest,
+#: with which solutions can be compared (no integer, since lattices would share nodes); and the largest ratio without a
+#: solve in between.
 LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.38, 2.45, 3.3
 #: Number of answers after which the search ends, and number of times that steps in time are shortened.
 MOST_ANSWERS, MOST_SHORTENED = 3, 5
-#: The largest ratio from the cheap first solve to the second, and the ratio without an estimate of the first.
-FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.48, 2.2
+#: The largest ratio from the cheap first solve to the second, and the ratio if the first has no estimate.
+FIRST_MOST_FACTOR, UNESTIMATED_FACTOR = 2.48, 2.2
 #: The error below which cubic splines take less time than quadratic ones: the mean over a sphere and a torus, by the
 #: two finest solves of each degree in benchmarks/tables/knobs.md, between which time is a power of the error.
 CUBIC_ERROR = 5.8e-6
@@ -61,7 +61,7 @@ def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
         check_memory(run)
         _refine_spacing(run)
         if tolerance and run.has_own_steps:
-            _settle_steps(run)
+            _refine_steps(run)
     except (CpmkitError, MemoryError) as error:
         run.failure = error
     check_memory(run)
@@ -84,7 +84,7 @@ def _first_factor(run: AdaptiveRun) -> float:
     """Return the ratio of the first spacing to the second: 2.1 to 2.48 by the first error, 2.2 if that is unknown."""
     tolerance, expected = run.target.tolerance, run.last.expected_error
     if math.isnan(expected):
-        return UNTOLD_FACTOR
+        return UNESTIMATED_FACTOR
     if tolerance is None:
         return FIRST_MOST_FACTOR
     factor = (expected / (0.45 * tolerance)) ** (1 / 2.4)  # less than the aimed share, and a safe order
@@ -123,11 +123,12 @@ def _refine_spacing(run: AdaptiveRun) -> None:
         run.solve("answer" if answers == 1 else "correction", goal, start + slope * growth.count_at(goal))
 
 
-def _settle_steps(run: AdaptiveRun) -> None:
-    """Shorten the steps in time and append solves until both are within the tolerance, or no solve improves them.
+def _refine_steps(run: AdaptiveRun) -> None:
+    """Shorten the steps in time and append solves until the errors in time and space are within the tolerance.
 
-    Coarse lattices smooth what moves, so that errors of steps were too small there, and errors of long steps are all
-    alike. Raises CpmkitError or MemoryError as a solve does.
+    The loop also ends if no solve improves the errors. It is needed since on coarse lattices, which smooth moving
+    features, errors of steps are too small, and errors of long steps are all alike. Raises CpmkitError or MemoryError
+    as a solve does.
     """
     for _ in range(MOST_SHORTENED):
         here, count = run.last.spacing, len(run.solves)
@@ -167,22 +168,22 @@ def _takes_cubic_splines(run: AdaptiveRun, tolerance: float) -> bool:
 def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
     """Return True if the estimated error of the last solution is below the tolerance ``aim``, with a margin.
 
-    It is never accepted if pieces of the manifold with one unknown each are so large that their errors, which no
-    estimate includes, may exceed the tolerance. Without an estimate from the solution alone the margin is larger if
+    The solution is never accepted if pieces of the manifold with one unknown each are so large that their errors, which
+    no estimate includes, may exceed the tolerance. Without an estimate from the solution alone the margin is larger if
     errors fall more slowly than expected, as they do while a layer is about as wide as a spacing.
     """
     last = run.last
     if last.solution.discretized.diagnosis().unresolved_share > aim**2:
         return False
     first = len(_comparable_solves(run)) < 2
-    # largest errors vary more, and with one coarser solution it is not known whether errors fall at their order already
+    # largest errors vary more; with one coarser solution it is unknown whether errors fall at their order yet
     accepted = aim * (0.93 if first else 0.97) if run.target.norm == "rms" else aim * (0.75 if first else 0.87)
     if last.estimate is not None and last.estimate.slow:
         accepted *= 0.55  # estimates of slits with exact solutions were down to .49
     if not math.isnan(last.expected_error):
         return last.error <= accepted
     prior = _prior_order(run)
-    slower = (UNTOLD_FACTOR**prior - 1) / (UNTOLD_FACTOR ** min(assumed_order(run), prior) - 1)
+    slower = (UNESTIMATED_FACTOR**prior - 1) / (UNESTIMATED_FACTOR ** min(assumed_order(run), prior) - 1)
     at_first, later = (0.8, 0.92) if last.solution.has_modes else (0.6, 0.75)  # estimates are larger
     return bool(last.error * slower <= accepted * (at_first if first else later))
 
@@ -190,9 +191,9 @@ def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
 def errors_stagnate(run: AdaptiveRun) -> bool:
     """Return True if smaller spacings no longer reduce the error.
 
-    Either the error has risen and is of the size that the residuals of linear solves cause, which grow as the spacing
-    falls; or of the last four errors the first is smallest, and the last not below the second. False unless the last
-    error is known, and one before it at 1.3 times the spacing or more.
+    Either the error has risen and is of the size that residuals of linear solves cause, which grow as the spacing
+    falls; or the first of the last four errors is the smallest, and the fourth is not below the second. False unless
+    the last error is known, and an earlier one at 1.3 times the spacing or more.
     """
     known = _comparable_solves(run)[-4:]
     errors = [solve.error for solve in known]
@@ -207,7 +208,7 @@ def errors_stagnate(run: AdaptiveRun) -> bool:
 def _goal_spacing(run: AdaptiveRun, aim: float) -> float:
     """Return the spacing at which the error is expected to be below the tolerance ``aim``; zero if that is zero.
 
-    It is the last one if its error is accepted, else smaller by a factor of 1.38 or more.
+    The last spacing is returned if its error is accepted, else one smaller by a factor of 1.38 or more.
     """
     here = run.last.spacing
     if aim == 0:
@@ -225,9 +226,9 @@ def _goal_spacing(run: AdaptiveRun, aim: float) -> float:
 def assumed_order(run: AdaptiveRun) -> float:
     """Return the order at which the error is assumed to fall: the mean of the observed order and :func:`_prior_order`.
 
-    It is bounded by 0.8 and 3, or 1.3 if the prior one is below 1.3. It is observed between the last two solves with
-    estimated errors, without the error in time; if there are fewer, from the errors estimated from the last two
-    solutions alone; if these are unknown, or the spacings nearly equal, the prior order is taken.
+    The order is between 0.8 and 3, or 1.3 if the prior order is below 1.3. It is observed between the last two solves
+    with estimated errors, without the error in time; if there are fewer, between the errors estimated from the last two
+    solutions alone; if these are unknown, or the spacings nearly equal, the prior order is returned.
     """
     observed = prior = _prior_order(run)
     pair = _comparable_solves(run)[-2:]
@@ -255,7 +256,7 @@ def _comparable_solves(run: AdaptiveRun) -> list[TimedSolve]:
 
 
 def first_spacing(scene: Scene) -> float:
-    """Return the spacing of the first solve: that of 35 to 400 unknowns, by the manifold's dimension, or smaller."""
+    """Return the spacing of the first solve, with 35 to 400 unknowns by the manifold's dimension, or more if needed."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     m = surface.largest_dim
     counted = unknowns_at_unit_spacing(surface, 2, 100)  # in few blocks, as closest points may be expensive
@@ -266,16 +267,16 @@ def first_spacing(scene: Scene) -> float:
 def predicted_bytes(run: AdaptiveRun, unknowns: float) -> float:
     """Return the predicted peak of memory, in bytes, of a solve with this number of unknowns.
 
-    It includes stored coarser solutions, and holes between arrays and partly used pages of 2 MiB where one solve
-    follows another (measured on 24 problems of 500 to 58,000 unknowns: .1 of the need, 20 MB at most, in processes of
-    their own, and 1 to 2 times as much, 50 MB at most, after many solves; this is the middle).
+    The peak includes stored coarser solutions, and the fragmentation of memory by earlier solves (measured on 24
+    problems of 500 to 58,000 unknowns: .1 of the need, 20 MB at most, in separate processes, and 1 to 2 times as much,
+    50 MB at most, after many solves; a value in between is added).
     """
     used, stored = _needed_bytes(run, unknowns)
     return stored + used + min(3e6 + 0.4 * used, 20e6)
 
 
 def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
-    """Return the bytes a solve with ``unknowns`` needs, and those that all solutions of the run with fewer hold."""
+    """Return the bytes that a solve with ``unknowns`` needs, and those of the run's solutions with fewer unknowns."""
     options = lattice_options(run.last.solution.discretized)
     assert options is not None  # a target is for a form on a lattice
     model = cost_model(run.scene, options)

@@ -146,7 +146,7 @@ class OperatorCache:
     def get(self, key: Hashable, make: Callable[..., Any], *arguments: Any) -> Any:
         """Return the cached value of ``key``, or else ``make(*arguments)``, and cache it; the last four used are kept.
 
-        ``make`` must be no closure: if memory runs out, a closure would keep the tables of the form alive.
+        ``make`` must not be a closure, which would keep the tables of the form alive if memory runs out.
         """
         self.entries[key] = self.entries.pop(key) if key in self.entries else make(*arguments)
         while len(self.entries) > 4:  # a run in time has several, as steps before frames are shorter
@@ -269,7 +269,8 @@ class SolveContext:
 def is_nonnegative(form: FormValues) -> bool:
     """Return True if the signs of the data show that the continuous operator has no eigenvalue below zero.
 
-    They do if there is no velocity, c is nowhere negative and all conditions are dissipative. False: unknown.
+    The result is True if there is no velocity, c is nowhere negative and all conditions are dissipative. False means
+    unknown.
     """
     terms = form.scene.problem.terms()
     if terms.velocity is not None or float(form.data_at_points(terms.c, "the factor c").min(initial=0.0)) < 0:

@@ -75,7 +75,7 @@ def _coupling_at_points(problem: Coupled, form: Discretized) -> Floats:
 def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> None:
     """Raise SceneError if on a piece of the manifold no condition or term determines constant channels v (k,).
 
-    That is so if nothing fixes a constant of a single channel there, and C v = 0 on the whole piece. ``coupling``
+    Constants are undetermined if nothing fixes that of a single channel, and C v = 0 on the whole piece. ``coupling``
     (p, k, k) is C at the form's points.
     """
     free = form.free_constants(stiffness)
@@ -215,8 +215,8 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
 def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v: Floats) -> tuple[Floats, Floats]:
     """Return u and v (n, channels), corrected on the pieces where no condition fixes a constant.
 
-    u gets mean zero there, and v the mean that balances the fluxes of u at the edge: ``K v = q`` does not determine it,
-    and ``K u = r + M v`` has a solution for only one mean, which follows from the imbalance of that system.
+    On such a piece u gets mean zero, and v the mean that balances the fluxes of u at the edge. ``K v = q`` does not
+    determine the mean of v, and ``K u = r + M v`` has a solution for only one mean, which follows from its imbalance.
     """
     border = operator.border
     u, means = border.remove_means(u)
@@ -227,7 +227,7 @@ def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v:
 
 
 def _combined_report(first: SolveReport, second: SolveReport) -> SolveReport:
-    """Return a report of two solves: the sums of their counts, all else from that with the larger residual."""
+    """Return a report of two solves: the sums of their counts, and the rest of the report with the larger residual."""
     worse = max(first, second, key=lambda report: report.residual)
     return replace(
         worse,

@@ -40,7 +40,7 @@ class State:
     u: Floats  #: (n, 1): the unknowns.
     stiffness: Stiffness  #: The operator A(u).
     b: Floats  #: (n, 1): the right-hand side b(u).
-    residual: Floats  #: (n, 1): b - A u, without its part that no u reaches on pieces where a constant is free.
+    residual: Floats  #: (n, 1): b - A u, balanced on pieces where a constant is free.
     border: Border | None  #: The pieces where no condition or term fixes a constant; None without any.
 
 
@@ -272,10 +272,9 @@ def _solve_to_convergence(steps: Steps, problem: QuasilinearEquation, u: Floats,
 
 
 def _minimised_energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float | None:
-    """Return the energy, at ``state``, that the solution minimises: the integral of its density and of terms in u.
+    """Return the energy, at ``state``, that the solution minimises; None without a known density or a quadrature.
 
-    It is ``u . A u / 2 - u . b`` with the density in place of ``a |grad u|^2 / 2``. None if no density is known, or the
-    form has no quadrature.
+    The energy is ``u . A u / 2 - u . b`` with its density in place of ``a |grad u|^2 / 2``.
     """
     form, u = steps.context.discretized, state.u
     slopes = form.gradient(u)[:, 0]
@@ -310,7 +309,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
         before, boundary_values = boundary_values, [flux.read(solution.values) for flux in fluxes]
         now, then = (np.concatenate([np.zeros(0), *values]) for values in (boundary_values, before))
         change, size = (float(np.abs(values).max(initial=0.0)) for values in (now - then, now))
-        # Linear solves to the default tolerance vary by about as much.
+        # errors of linear solves with the default tolerance are about as large
         if step > 1 and change <= 1e-8 * size + np.finfo(float).tiny:
             return _with_total_counts(context, solution, reports, "Newton's method", step)
     raise ConvergenceError(
@@ -321,7 +320,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
 
 
 def _check_balance(solution: SolutionRecord) -> None:
-    """Raise SceneError if data do not balance, beyond what the spacing explains, where fluxes do not fix a constant."""
+    """Raise SceneError if data are unbalanced, by more than the spacing explains, where fluxes fix no constant."""
     for defect in solution.imbalances:
         if defect.of == "data" and defect.relative > defect.explained:
             near = place(defect.near)

@@ -1,1 +1,1 @@
-"""The Cartesian side of the method: lattice, band, stencils, reading a band at points, and the choice of a spacing."""
+"""The Cartesian side of the method: lattice, band, interpolation stencils, and the choice of a spacing."""

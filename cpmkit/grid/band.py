@@ -1,6 +1,6 @@
-"""The band: the lattice nodes on which a surface's PDE is solved, and the stencils that read and differentiate there.
+"""The band: the lattice nodes on which a surface's PDE is solved, and stencils of interpolation and differences.
 
-Inner nodes, the unknowns, are those that the interpolation stencil of some surface point reads. Outer nodes are their
+Inner nodes, the unknowns, are the nodes in the interpolation stencil of some surface point. Outer nodes are their
 difference neighbours, at which only the extension E u is needed.
 Differs from King et al. (2024), eq. 4: nodes within its radius that no stencil reads are left out.
 """
@@ -38,7 +38,7 @@ def check_degree(degree: int, label: str = "degree") -> int:
 
 
 def base_offset(degree: int) -> float:
-    """Return the shift, in cells, to be added to coordinates in cells before ``floor`` gives the cell of the stencil.
+    """Return the shift, in cells, that is added to coordinates before ``floor`` to get the cell of the stencil.
 
     A stencil of odd degree is centred on a cell between nodes, a stencil of even degree on the nearest node.
     """
@@ -131,8 +131,8 @@ def reading_radius(dim: int, degree: int) -> float:
 class Band:
     """Lattice nodes around a manifold, inner nodes first.
 
-    Where several sheets of the manifold share nodes, the collocation form adds copies of nodes, one for each further
-    sheet, called twins.
+    Where several sheets of the manifold share nodes, the collocation form adds twins: copies of nodes, one for each
+    further sheet.
     """
 
     #: spacing, degree, float, int: spacing of the lattice and degree of the interpolation.
@@ -142,8 +142,7 @@ class Band:
     inner: int  #: Number of inner nodes.
     feet: ClosestPoints  #: Closest points of all nodes, relative to the lattice's origin.
     codes: Codes  #: Numbering by which nodes are found.
-    #: own_inner, own_outer: Number of inner and of outer nodes that are no twins, and come first in their part; -1 for
-    #: all.
+    #: own_inner, own_outer: Numbers of inner and of outer nodes that are no twins; they precede twins. -1 means all.
     own_inner: int = -1
     own_outer: int = -1
     sheets: Any = None  #: object: the collocation form's record of the twins.
@@ -196,7 +195,7 @@ class Band:
 
 
 def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
-    """Return the indices (c, d) of the interpolation cells that contain points of the manifold, and a few beside them.
+    """Return the indices (c, d) of interpolation cells: all that contain points of the manifold, and a few others.
 
     Cells are those of :func:`stencil_cells` with the same ``spacing`` and ``degree``. Raises as :func:`check_numbered`,
     and ResolutionError as soon as an estimate shows that their band does not fit into memory.

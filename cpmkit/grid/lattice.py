@@ -33,7 +33,7 @@ FAR_OUT_ROUNDINGS = 100.0
 SUGGESTED_CELLS = {1: 200, 2: 10_000, 3: 60_000}
 #: Least number of blocks from which the number of unknowns is estimated.
 COUNTED_BLOCKS = 12_000
-#: Side of the finest blocks of that estimate, over the manifold's largest side: 4096 blocks with half a block to spare.
+#: Side of the finest blocks of that estimate, over the manifold's largest side: at most 4096 blocks along a side.
 FINEST_CELL_SHARE = 1 / 4095.5
 #: Share of the memory that a suggested spacing leaves unused.
 SPARE_MEMORY_SHARE = 0.2
@@ -179,7 +179,7 @@ def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> 
     lower, upper = cells[0] // side, cells[1] // side
     blocks = np.stack(np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(lower, upper, strict=True)], indexing="ij"), -1)
     blocks = blocks.reshape(-1, dim)
-    while side > 1 and len(blocks) <= len(children):  # nothing is far from blocks as large as the manifold
+    while side > 1 and len(blocks) <= len(children):  # blocks as large as the manifold exclude nothing
         blocks, side = (2 * blocks[:, None] + children).reshape(-1, dim), side // 2
     while True:
         centres = np.asarray(((blocks + 0.5) * side - offset) * spacing, dtype=np.float64)
@@ -217,8 +217,8 @@ def estimated_node_count(blocks: int, side: int, dim: int, manifold_dim: int, de
     """Return an estimate of the number of inner nodes of the band of a manifold that meets so many ``blocks``.
 
     A block of an m-dimensional manifold contains about side^m cells that meet it, each with about 0.9 (p + 1)^(d - m)
-    nodes (measured on circle and sphere). ``side`` is that of a block in cells; ``dim`` is d, ``manifold_dim`` m, and
-    ``degree`` p, of the interpolation.
+    nodes (measured on circle and sphere). ``side`` is that of a block in cells, ``dim`` is d, ``manifold_dim`` m, and
+    ``degree`` the degree p of the interpolation.
     """
     return float(blocks * float(side) ** manifold_dim * 0.9 * (degree + 1) ** (dim - manifold_dim))
 
@@ -310,7 +310,7 @@ def fitting_spacing(
 ) -> float:
     """Return a spacing, rounded up to two digits, at which a solve on a band fits into ``available`` bytes.
 
-    A fifth of them is left unused. The result depends neither on the user's spacing nor on the lattice's origin.
+    A fifth of the bytes is left unused. The result depends neither on the user's spacing nor on the lattice's origin.
     ``degree``, ``solver`` and ``channels`` are as in :func:`bytes_per_unknown`. Raises as :func:`check_numbered`.
     """
     unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / bytes_per_unknown(source.dim, degree, solver, channels)
@@ -320,8 +320,8 @@ def fitting_spacing(
 def unknowns_at_unit_spacing(source: LocalSource, degree: int, counted: int = COUNTED_BLOCKS) -> float:
     """Return an estimate of the number of unknowns of a band, times the spacing to the power of the manifold dimension.
 
-    The number of nodes follows from the first level of blocks (:func:`cell_levels`) of which more than ``counted`` meet
-    the manifold, else from the finest; thinner parts count as thick as a block. ``degree`` is of the interpolation.
+    The number of nodes follows from the first level of blocks (:func:`cell_levels`) with more than ``counted`` blocks
+    that meet the manifold, else from the finest; thin parts count as thick as a block. ``degree``: of interpolation.
     """
     extent = float((source.bounds[1] - source.bounds[0]).max()) or 1.0
     cell = extent * FINEST_CELL_SHARE

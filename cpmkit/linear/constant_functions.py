@@ -66,8 +66,7 @@ ROUNDING_SHARE = 4 * np.finfo(float).eps
 class ConstantFunctions:
     """The functions of an operator's unknowns that are constant, and the solution of systems with these separated."""
 
-    #: (n, k): K, functions that are constant or zero; each connected component of A has coefficients of its own for
-    #: them.
+    #: (n, k): K, functions that are constant or zero; each connected component of A has separate coefficients of them.
     functions: Floats
     images: Any  #: (n, k): A K.
     sizes: Floats  #: (pieces, k): ``K' |diag A| K`` of each component: the size of ``K' A K`` without cancellation.
@@ -85,10 +84,10 @@ class ConstantFunctions:
     ) -> tuple[Any, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report whose residual is relative to ``b - A K c``.
 
-        c is the least squares solution of ``A K c = b`` in each component, but 0 where the rest, ``b - A K c``, is over
-        half of b. Where the rest is rounding, u is K c. Where rounding of b exceeds ``tolerance`` times the rest, the
-        system is solved only to that rounding, and the reported residual is multiplied by ``tolerance`` over the one
-        used. ``prepared`` solves for A from ``guess``, an initial u or None. Raises ConvergenceError as it does.
+        c is the least squares solution of ``A K c = b`` in each component, but 0 if the rest, ``b - A K c``, is over
+        half of b. If the rest is rounding, u is K c. If rounding of b exceeds ``tolerance`` times the rest, the system
+        is solved only to that rounding, and the reported residual is multiplied by ``tolerance`` over the tolerance
+        used. ``prepared`` solves for A from ``guess``, an initial u or None, and may raise ConvergenceError.
         """
         each, at = self.pieces, self.pieces.spread_to_rows
         # By powers of two, so that squares of b neither overflow nor vanish.
@@ -139,8 +138,8 @@ class ConstantFunctions:
     def cancellation_warnings(self, b: Floats, u: Floats) -> tuple[str, ...]:
         """Return a warning in a tuple if the mean of u (n, channels) is a quotient of two sums that cancel; else ().
 
-        The numerator ``K' b``, b (n, channels), is taken as cancelled below 1e-6 of its terms; ``K' A K`` below 1e-12,
-        or where the resulting mean is larger than the range of u, the solution of ``A u = b``.
+        The numerator ``K' b``, b (n, channels), counts as cancelled below 1e-6 of its terms; ``K' A K`` below 1e-12, or
+        if the resulting mean is larger than the range of u, the solution of ``A u = b``.
         """
         each = self.pieces
         sums = np.abs(each.inner_products(self.functions, b))

@@ -17,9 +17,9 @@ from cpmkit.types import Floats
 
 @inlined
 def _row_product(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
-    """Return the scalar product of a vector x with the entries k to ``stop`` - 1, a part of a row of a matrix.
+    """Return the scalar product of a vector x with entries k to ``stop`` - 1 of a matrix, a part of a row.
 
-    ``columns`` and ``entries`` are CSR arrays. Four sums are formed: additions to one sum would wait for each other.
+    ``columns`` and ``entries`` are CSR arrays. Four sums are formed, since additions to one sum depend on each other.
     """
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     while (stop - k) % np.uint64(4):

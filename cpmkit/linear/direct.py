@@ -14,7 +14,7 @@ from cpmkit.linear.residuals import IndefiniteError, SolveReport, judge
 from cpmkit.types import Floats, Progress, SparseMatrix, no_progress
 
 #: The diagonal entry of a symmetric matrix is the pivot unless it is below this share of the largest entry of its
-#: column: a matrix with eigenvalues of both signs, of waves or shifted between eigenvalues, may have pivots near zero.
+#: column: an indefinite matrix, of waves or shifted between eigenvalues, may have pivots near zero.
 PIVOT_SHARE = 1e-3
 
 
@@ -36,10 +36,10 @@ class Cholesky:
 
 
 def dense_cholesky(matrix: SparseMatrix) -> Cholesky | None:
-    """Return the dense Cholesky factor of a symmetric matrix; None if it has none, is sparse, or over 640 unknowns.
+    """Return the dense Cholesky factor of a symmetric matrix; None if there is none or it would be slow.
 
-    It has none if it is not positive definite, or complex (complex shifts are symmetric, not Hermitian). Sparse factors
-    are faster for larger matrices, and for those with less than 8 percent of nonzero entries.
+    There is none if the matrix is not positive definite, or complex (complex shifts are symmetric, not Hermitian).
+    Sparse factors are faster for over 640 unknowns, and for matrices with less than 8 percent of nonzero entries.
     """
     n = matrix.shape[0]
     sparse = matrix.nnz < 0.08 * n * n  # as of curves
@@ -91,10 +91,10 @@ def factorize_symmetric(matrix: SparseMatrix, where: str, positive: bool = True)
 
 @dataclass(frozen=True, eq=False)
 class BorderedFactors:
-    """The factors of ``A + s F W``, whose dense rows would fill sparse factors, as an update of :func:`pinned_matrix`.
+    """The factors of a bordered matrix ``A + s F W``, whose dense rows would fill sparse factors.
 
-    With P the pinned matrix and ``A + s F W = P + U V``, the inverse is ``P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V P^-1``
-    (Woodbury).
+    With P the :func:`pinned_matrix` and ``A + s F W = P + U V``, the inverse is ``P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V
+    P^-1`` (Woodbury).
     """
 
     pinned: Any  #: SuperLU or Cholesky: factors of P.
@@ -135,7 +135,7 @@ def _dense_or_sparse_factors(matrix: SparseMatrix, operator: Operator) -> Any:
 def pinned_matrix(operator: Bordered) -> SparseMatrix:
     """Return A of a bordered operator plus s on the diagonal at one unknown of each piece with a free constant.
 
-    It is regular, as ``A + s F W`` is, and sparse.
+    This matrix is regular, as ``A + s F W`` is, and sparse.
     """
     pinned = _pinned_unknowns(operator.border)
     return (operator.to_csr() + operator.shift * (pinned @ pinned.T)).tocsr()

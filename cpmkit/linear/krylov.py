@@ -24,9 +24,9 @@ class KrylovSolver(ABC):
     """An operator with an iteration, ready to solve."""
 
     operator: Operator  #: A, with its border where it fixes no constant.
-    #: object with a method ``apply`` and an attribute ``products``: the preconditioner of A: ``apply(b)`` returns an
-    #: approximate solution x (n, channels) of ``A x = b`` with so many products with A; for conjugate gradients it is
-    #: symmetric and positive. None if the iteration has none.
+    #: The preconditioner of A, or None: an object whose method ``apply(b)`` returns an approximate solution x
+    #: (n, channels) of ``A x = b``, with ``products`` products with A. For conjugate gradients it is symmetric and
+    #: positive.
     preconditioner: Any
     max_iterations: int  #: Most iterations of a solve.
     solver: str  #: Name of the solver, for reports.
@@ -44,8 +44,8 @@ class KrylovSolver(ABC):
         """Return an approximate solution x (n, k) of ``A x = residual``, and the numbers of iterations and of products.
 
         The iteration stops when the norm of each column's residual is below its ``target`` (k,), or after ``most``
-        iterations. ``residual`` (n, k) may be overwritten. Raises IndefiniteError if the iteration needs a positive A
-        and preconditioner, and either turns out to be indefinite.
+        iterations. ``residual`` (n, k) may be overwritten. Raises IndefiniteError if A or the preconditioner turns out
+        to be indefinite in an iteration that needs positive ones.
         """
 
     def solve(
@@ -53,8 +53,8 @@ class KrylovSolver(ABC):
     ) -> tuple[Any, SolveReport]:
         """Return u with ``A u = b``, both (n, channels), and a report; ``guess`` is the initial u, None for zero.
 
-        Raises ConvergenceError if a channel's recomputed relative residual is above the tolerance and what rounding
-        leaves, or the system turns out to be indefinite, for the ``fallback`` too if there is one.
+        If this solver does not converge, the ``fallback``, if any, solves the system. Raises ConvergenceError if a
+        channel's recomputed relative residual is above the tolerance and above rounding, or the system is indefinite.
         """
         try:
             return self._solve(b, tolerance, guess, progress)
@@ -73,8 +73,8 @@ class KrylovSolver(ABC):
         """Return u (n, channels) with ``A u = b``, and a report, without the fallback.
 
         Each round computes the true residual and corrects the channels in which it is above the tolerance. The rounds
-        end without any such channel, after ``max_iterations``, or if rounding limits the residual: when
-        ``stalled_rounds`` of them have not halved it. Parameters and errors are those of :meth:`solve`.
+        end if there is no such channel, after ``max_iterations``, or if ``stalled_rounds`` rounds have not halved the
+        residual, which rounding then limits. Parameters and errors are those of :meth:`solve`.
         """
         size = np.linalg.norm(b, axis=0)
         u = np.zeros_like(b) if guess is None else guess.copy()
@@ -127,10 +127,10 @@ def conjugate_gradients(
 ) -> tuple[Floats, int]:
     """Return an approximate solution x (n, channels) of ``A x = residual``, and the number of conjugate gradient steps.
 
-    A channel is finished when the norm of its residual r is below its ``target`` (channels,) and ``(r, M r)^(1/2)``, in
-    which large entries of A do not hide the error, has fallen by the same factor times ``slack``. The iteration stops
-    when all channels are finished, or after ``most`` steps. ``apply`` returns products with A, ``precondition`` with M;
-    both are symmetric. Raises IndefiniteError if A or the preconditioner M turns out not to be positive.
+    A channel is finished when the norm of its residual r is below its ``target`` (channels,), and ``(r, M r)^(1/2)``
+    has fallen by the same factor times ``slack``: in that norm large entries of A do not hide the error. The iteration
+    stops when all channels are finished, or after ``most`` steps. ``apply`` returns products with A, ``precondition``
+    with M; both are symmetric. Raises IndefiniteError if A or the preconditioner M turns out not to be positive.
     """
     r = residual.copy()
     x, direction, before = np.zeros_like(r), np.zeros_like(r), np.ones(r.shape[1])
@@ -270,5 +270,5 @@ class PreparedReference(KrylovSolver):
 
 
 def _ratio(a: Floats, b: Floats) -> Floats:
-    """Return a / b (channels,), zero where b is zero: there a channel is finished or has broken down, and x stays."""
+    """Return a / b (channels,), or zero if b is zero: in a channel that is finished or has broken down."""
     return np.divide(a, b, out=np.zeros_like(a), where=b != 0)

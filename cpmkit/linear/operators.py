@@ -322,7 +322,7 @@ class LinearSystem:
 
 
 def matrix_of_rows(weights: Floats, columns: Ints, count: int) -> SparseMatrix:
-    """Return the matrix (n, count) whose row k has ``weights[k]`` (w,) in ``columns[k]`` (w,); equal columns add up."""
+    """Return the matrix (n, count) whose row k has ``weights[k]`` (w,) in ``columns[k]`` (w,), equal columns summed."""
     from scipy.sparse import csr_array
 
     n, width = columns.shape

@@ -148,17 +148,18 @@ class JacobiSolver:
 class JacobiOrMultigrid:
     """The solver that preconditions by the diagonal if the mass dominates the matrix, else by ``multigrid``.
 
-    Each right-hand side starts with the diagonal again, so that a run in time is reproduced from a checkpoint.
+    The diagonal is tried again for each right-hand side, so that a run in time is reproduced from a checkpoint.
     """
 
     multigrid: LinearSolver
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedSolver:
-        """Return the faster iteration, by row sums if the operator is symmetric, else multigrid's; raises as multigrid.
+        """Return the faster iteration, chosen by row sums if the operator is symmetric; else that of multigrid.
 
         As A 1 = 0, the row sums of M + factor A are those of M alone, while the diagonal is the sum of both: their
-        ratio determines the condition number for any unit of length, step and diffusivity. From 1/64 on, for -Lap up to
-        steps of 140 spacings squared, there are at most 140 iterations, which take as long as 16 to 20 of multigrid.
+        ratio determines the condition number for any unit of length, step and diffusivity. If it is at least 1/64 (for
+        -Lap up to steps of 140 spacings squared), there are at most 140 iterations, which take as long as 16 to 20 of
+        multigrid. Raises the errors of multigrid.
         """
         matrix = operator.to_csr() if operator.symmetric else None
         if matrix is None or np.median(matrix @ np.ones(operator.size) / matrix.diagonal()) < 1 / 64:

@@ -38,8 +38,8 @@ class SolveReport:
 
 #: Rounding leaves a residual of at most this many times ``eps (|A| |u| + |b|)``: sums of about ten products, twice.
 ROUNDING_FACTOR = 4.0
-#: A larger residual, relative to b, is never attributed to rounding: for a singular matrix u grows until its rounding
-#: is as large as b.
+#: A larger residual, relative to b, is never attributed to rounding: for a singular matrix u grows until the rounding
+#: of A u is as large as b.
 MAX_ROUNDING_SHARE = 1e-6
 
 

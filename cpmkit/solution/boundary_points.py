@@ -26,11 +26,11 @@ from cpmkit.types import Bools, Floats, Ints
 def join_at_corners(
     runs: Sequence[Ints], closed: Sequence[bool], points: Floats, tangents: Floats, weights: Floats
 ) -> tuple[list[Ints], tuple[bool, ...]]:
-    """Return the runs of a boundary's points, joined where one begins where another ends, and whether each is closed.
+    """Return the runs of a boundary's points, joined if one begins where another ends, and whether each is closed.
 
-    The given closed runs are first. The sides of a polyline that turns by a right angle are separate runs, whose ends
-    coincide. Where three or more ends meet, nothing is joined. A run has the indices (k,) of ``points`` (n, d) along a
-    curve, with unit ``tangents`` (n, d) in its direction; ``closed`` is True for each closed run. ``weights`` (n,) are
+    A run has the indices (k,) of ``points`` (n, d) along a smooth curve, with unit ``tangents`` (n, d) in its
+    direction; at corners, such as right angles of polylines, the ends of runs coincide. If three or more ends meet,
+    they are not joined. ``closed`` is True for each closed run; these come first in the result. ``weights`` (n,) are
     the lengths of curve that points represent, half on either side.
     """
     opened = [run for run, is_closed in zip(runs, closed, strict=True) if not is_closed]
@@ -103,8 +103,8 @@ class BoundaryPoints:
     def spaced(self, count: int, curve: int = 0) -> Floats:
         """Return ``count`` points (count, d) of a curve at equal arc lengths, with both ends of an open curve.
 
-        They are in the direction of the curve number ``curve``, from its start, which is the only point if ``count`` is
-        1. Raises InputError if there is no such curve, the boundary consists of points, or ``count`` is not a whole
+        The points run in the direction of curve number ``curve``, from its start, which is the only point if ``count``
+        is 1. Raises InputError if there is no such curve, the boundary consists of points, or ``count`` is not a whole
         number from 1 to 10,000,000.
         """
         count = whole(count, "count", 1, 10_000_000)
@@ -180,8 +180,8 @@ def directions_along(
 ) -> Callable[[Floats], tuple[Floats, Floats]]:
     """Return a function that maps points (k, d) of a boundary to its unit tangents (k, d) and left conormals (k, d).
 
-    They are those of :class:`BoundaryPoints`; where the sources provide none, they are differences of closest points
-    with a step of a thousandth of the surface's size. Raises SceneError as :func:`boundary_points` does.
+    Tangents and conormals are as in :class:`BoundaryPoints`; those that the sources do not provide are differences of
+    closest points with a step of a thousandth of the surface's size. Raises SceneError as :func:`boundary_points` does.
     """
     oriented, step = _orient_boundary(source, surface), STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
     return lambda points: _tangents_and_conormals(oriented, np.asarray(points, dtype=np.float64), step)
@@ -224,7 +224,7 @@ def _tangents_and_conormals(oriented: OrientedBoundary, points: Floats, step: fl
 
 
 def _order_along_tangents(points: Floats, tangents: Floats, order: Ints) -> Ints:
-    """Return ``order`` (k,), indices of a chain of ``points`` (n, d), reversed if most of it runs against tangents."""
+    """Return ``order`` (k,), indices of a chain of ``points`` (n, d), reversed if most of it opposes the tangents."""
     if len(order) < 2:
         return order
     ahead = np.einsum("kd,kd->", points[order[1:]] - points[order[:-1]], tangents[order[:-1]])

@@ -1,4 +1,4 @@
-"""The mesh that pictures and files show: the surface's own, as fine as the grid, cut along the boundaries.
+"""The mesh that pictures and files show: the surface's own mesh, as fine as the lattice, cut along the boundaries.
 
 A solution may jump across a boundary. Triangles that a boundary crosses are therefore split along it, and each of its
 sides has vertices of its own at the same places, so that the jump stays sharp. Segments are split likewise; a point of
@@ -86,7 +86,7 @@ def display_mesh(solution: SolutionRecord) -> DisplayMesh:
 def _mesh_normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats | None:
     """Return unit normals (v, 3) at the vertices ``points`` (v, d) of ``cells`` (m, k): zero where only segments meet.
 
-    Those of cells with a single corner have any sign. None in the plane, and if all cells are segments.
+    Normals at cells with a single corner have any sign. None in the plane, and if all cells are segments.
     """
     triangles, dots = cells_with_corners(cells, 3), cells_with_corners(cells, 1)[:, 0]
     if points.shape[1] == 2 or not len(triangles) + len(dots):
@@ -134,8 +134,8 @@ def evaluate_on_sides(solution: SolutionRecord, points: Floats, sides: Ints) -> 
 def project_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
     """Return ``points`` (n, d) projected onto the boundaries for which ``sides`` (n, boundaries) is not zero.
 
-    A solution has two sides only on the curve, and a cut, which is straight across a cell, is off a curve by a distance
-    of second order. Where curves cross, alternating projections lead to the crossing.
+    A solution has two values only on the boundary curve itself, and a cut, which is straight across a cell, is off the
+    curve by a distance of second order. Where curves cross, alternating projections converge to the crossing.
     """
     moved = np.array(points)
     for combination, rows in _group_by_sides(sides):
@@ -156,7 +156,7 @@ def _group_by_sides(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
 def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
     """Return the vertices (n, d) and cells (m, k) of the mesh that the user made ``surface`` from, in their order.
 
-    Those of a solid are the vertices and cells of its boundary. Raises InputError if the surface, or the boundary of
+    For a solid they are the vertices and cells of its boundary. Raises InputError if the surface, or the boundary of
     the solid, was not made from a mesh, a polyline or a cloud.
     """
     made = surface.skin if isinstance(surface, HasSkin) else surface
@@ -171,8 +171,8 @@ def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
 def values_at_vertices(solution: SolutionRecord, evaluate: Callable[[Floats], Floats]) -> Floats:
     """Return the values (n, ...) of ``evaluate`` at the n vertices of which the user made the surface, in their order.
 
-    ``evaluate`` maps points (k, d) to values (k, ...). They are NaN at a vertex that is not finite, or over half a
-    spacing off the surface. Raises InputError if the surface was not made from vertices.
+    ``evaluate`` maps points (k, d) to values (k, ...). The values are NaN at a vertex that is not finite, or over half
+    a spacing off the surface. Raises InputError if the surface was not made from vertices.
     """
     surface = solution.scene.surface
     vertices, _ = given_mesh_of(surface)

@@ -45,7 +45,7 @@ class EvolvedRecord(SolutionRecord):
         return replace(super().of_dimension(dim), frames=frames, energy=None)
 
     def frame_meshes(self) -> list[DisplayMesh]:
-        """Return a display mesh for each frame, the same with the frame's values; there must be at least one frame."""
+        """Return a display mesh for each frame, which differ in their values alone; there must be a frame."""
         all_values = np.concatenate([frame.values for frame in self.frames], axis=1)
         mesh = replace(self, values=all_values, frames=()).display_mesh()
         parts = np.split(mesh.values, len(self.frames), axis=1)

@@ -1,6 +1,6 @@
 """Integrals over the manifold and over its boundaries, of a solution and of its conormal derivative.
 
-Over the manifold they are a form's own quadrature, or that over the cells of a mesh cut along the boundaries.
+Integrals over the manifold use the form's own quadrature, or one on the cells of a mesh cut along the boundaries.
 """
 
 from __future__ import annotations
@@ -152,9 +152,9 @@ def _bump_rule(
 ) -> tuple[Floats, Floats]:
     """Return quadrature points (n, d) and weights (n,) on a boundary C of dimension ``dim`` that has no mesh.
 
-    They come from nodes of a lattice around C: ``int_C f ds = int f(cp_C(x)) bump(|x - cp_C(x)|) dx``. The bump has
-    integral 1 over the normal space. It is even, so that curvature changes the measure to second order in the width
-    at most. Nodes beyond the ends of an open curve are left out.
+    The points are closest points of the nodes of a lattice around C: ``int_C f ds = int f(cp_C(x)) bump(|x - cp_C(x)|)
+    dx``. The bump has integral 1 over the normal space. It is even, so that curvature changes the measure to second
+    order in the width at most. Nodes beyond the ends of an open curve are left out.
     """
     local = localize(source, np.zeros(source.dim))
     cells = surface_cells(local, spacing, 3)
@@ -174,8 +174,8 @@ def _bump_rule(
 def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> tuple[ClosestPoints, Floats]:
     """Return quadrature points on the manifold's edge, or on one ``loop`` of it, as closest points, and weights (n,).
 
-    They are those of the mesh for ``spacing``; ``loop`` None is the whole edge. An end of a curve has weight 1. Raises
-    InputError if the surface has no mesh or no such edge.
+    The rule is that of the mesh for ``spacing``; ``loop`` None is the whole edge. An end of a curve has weight 1.
+    Raises InputError if the surface has no mesh or no such edge.
     """
     points, cells = mesh_method(surface)(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
@@ -288,8 +288,8 @@ def _part_of(where: Any, matches: list[bool]) -> Callable[[Floats], Bools]:
 def _warn_of_infinite_flux(solution: SolutionRecord, number: int) -> None:
     """Warn if boundary ``number`` ends inside the surface with different values on its sides.
 
-    du/db of either side is then one over the distance from the end, with opposite signs. The warning belongs to the
-    caller of the method of the solution that reads the flux.
+    du/db then behaves like one over the distance from the end, with opposite signs on the two sides. The warning is
+    attributed to the caller of the solution's method.
     """
     scene, spacing = solution.scene, solution.spacing
     boundary = scene.boundaries[number]

@@ -95,9 +95,9 @@ class Resonance:
     def amplified_error(self, measured: float) -> tuple[float, float]:
         """Return the rms and the largest error of u that the eigenvalue's error causes, as shares of the range of u.
 
-        The part in its modes is f / gap, with the relative error ``error / (|gap| - error)``; the error is the whole
-        range where the eigenvalue may be zero, and zero where the eigenvalue is more than 20 errors from zero. The
-        eigenvalue's error is ``measured``, and at least half of the estimate of the form.
+        The part of u in the eigenvalue's modes is f / gap, with the relative error ``error / (|gap| - error)``. The
+        result is the whole range if the eigenvalue may be zero, and zero if the eigenvalue is more than 20 errors from
+        zero. The eigenvalue's error is ``measured``, but at least half of the form's estimate.
         """
         error = max(measured, 0.5 * self.error)
         if abs(self.gap) <= NEAR_RESONANCE_ERRORS * error:

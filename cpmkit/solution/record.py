@@ -85,7 +85,7 @@ class SolutionRecord:
 
     @property
     def spacing(self) -> float:
-        """How fine the discretisation is, in the scene's unit of length."""
+        """The mesh width of the discretisation, in the scene's unit of length."""
         return self.discretized.spacing
 
     @property
@@ -383,10 +383,10 @@ class SolutionRecord:
 
     @property
     def ties(self) -> Floats:
-        """Edges (t, 2, d), on curves points (t, 1, d), where the Galerkin form ties parts with unknowns of their own.
+        """Edges (t, 2, d), on curves points (t, 1, d), where the Galerkin form ties parts with separate unknowns.
 
-        They lie at creases and junctions, and between parts that are near in space but not along the manifold. Without
-        any, as in other forms, the shape is (0, 1, d).
+        Ties lie at creases and junctions, and between parts that are near in space but not along the manifold. Without
+        ties, as in other forms, the shape is (0, 1, d).
         """
         ties = self.discretized.diagnosis().ties
         return np.zeros((0, 1, self.scene.surface.dim)) if ties is None else ties

@@ -26,7 +26,7 @@ from cpmkit.types import Floats, Ints
 
 #: Eigenvalues that differ by less than this share of the tolerance count as equal.
 SAME_EIGENVALUE_TOLERANCES = 0.1
-#: A preconditioner whose results have more than their energy by this share is not accepted: above rounding of float32.
+#: A preconditioner is not accepted if it overshoots (:meth:`InverseIteration._overshoots`) by more than this share.
 OVERSHOOTING_SHARE = 1e-3
 
 
@@ -80,7 +80,8 @@ class InverseIteration:
     def apply_preconditioner(self, residual: Floats) -> Floats:
         """Return the preconditioner, which must not be None, times a residual (n, k), and count the products.
 
-        If it overshoots, as a cycle that rounding to float32 makes indefinite, its fallback takes its place.
+        A preconditioner that overshoots, such as a cycle that is indefinite after rounding to float32, is replaced by
+        its fallback.
         """
         assert self.preconditioner is not None
         self.products += self.preconditioner.preconditioner.products * residual.shape[1]
@@ -95,7 +96,8 @@ class InverseIteration:
     def _overshoots(self, correction: Floats, residual: Floats) -> bool:
         """Return whether some column z (n,) of ``correction`` has more energy z' A z than z' r, r its ``residual``.
 
-        A V cycle of a positive A gives none: its error is reduced in the norm of A, and M A has no eigenvalue above 1.
+        A V cycle M of a positive A does not overshoot: it reduces the error in the norm of A, so that M A has no
+        eigenvalue above 1.
         """
         self.products += residual.shape[1]
         energies = column_products(correction, self.operator.apply(correction))
@@ -191,7 +193,7 @@ def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
         if not iteration.symmetric:
             theta, vectors = eigs(matrix(iteration.step), count, which="LM", v0=start, tol=tolerance)
             return EigenPairs(iteration.shift + 1 / theta, vectors)
-        # In B's inner product. B may be singular, as all steps lie in the range of (A - sigma B)^-1 B.
+        # in B's inner product; B may be singular, since all vectors are in the range of (A - sigma B)^-1 B
         values, vectors = eigsh(
             matrix(iteration.operator.apply),  # unused in this mode
             count,

@@ -72,14 +72,14 @@ def _check_signs(form: Discretized, least: float, negligible: float) -> None:
 
 
 def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:
-    """Return eigenpairs, more than requested where there are more, by the method that suits their number.
+    """Return eigenpairs, some more than requested if there are more, by the method that suits their number.
 
     Raises InputError, ResolutionError or ConvergenceError as :func:`solve_eigen` does.
     """
     unknowns = mass_unknowns(iteration)
     if unknowns is not None:
         return dense_pairs(iteration, problem.count, unknowns)
-    # Further pairs are computed so that no pair of a multiple eigenvalue is missed, and as the last ones of a block
+    # Further pairs are computed so that no pair of a multiple eigenvalue is missed, and since the last pairs of a block
     # converge slowly.
     n, count = iteration.operator.size, problem.count + 6
     if count > n - 2:  # too many for an iteration

@@ -1,4 +1,4 @@
-"""Checkpoints: files with the state of a run in time, from which the run continues as without an interruption."""
+"""Checkpoints: files with the state of a run in time, from which the run continues with the same results."""
 
 from __future__ import annotations
 

@@ -27,8 +27,8 @@ def run_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> t
 def _heat_drift_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
     """Return a list with a warning if over 2 percent of heat was lost or gained on a piece without outflow, or [].
 
-    There the mean of u should grow by the mean of f times the time, in every scheme. It is checked only for heat with
-    c = 0, steady f, no velocity and no ``after_step``, if the form has ``closed_component_means``.
+    On such a piece the mean of u should grow by the mean of f times the time, in every scheme. This is checked only for
+    heat with c = 0, steady f, no velocity and no ``after_step``, if the form has ``closed_component_means``.
     """
     problem, heat, start, u = plan.problem, plan.evolution, plan.start.u, history[-1].u
     if not isinstance(heat, Heat) or callable(heat.c) or heat.c or heat.velocity is not None or takes_time(heat.f):
@@ -71,9 +71,9 @@ def growth_check(plan: semidiscrete.RunPlan) -> Callable[[Floats, float], None] 
     """Return a function of u (n, channels) and the time that raises ResolutionError above four times an a priori bound.
 
     If A has no eigenvalue below zero and b does not depend on time, the norm of u after a time t is at most ``|u0| +
-    |b| t`` for heat and ``|u0| + |v0| t + |b| t^2 / 2`` for waves with the rate v0 at the start: more than four times
-    that proves an eigenvalue of the wrong sign. None for other data, operators and equations, with ``after_step``, and
-    with a mass matrix M, since the norm of b then does not bound that of ``M^-1 b``.
+    |b| t`` for heat and ``|u0| + |v0| t + |b| t^2 / 2`` for waves with the initial rate v0. A norm above four times
+    that bound proves an eigenvalue of the wrong sign. The result is None for other data, operators and equations, with
+    ``after_step``, and with a mass matrix M, since the norm of b then does not bound that of ``M^-1 b``.
     """
     problem, evolution, start, form = plan.problem, plan.evolution, plan.start, plan.problem.form
     if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
@@ -99,10 +99,10 @@ def growth_check(plan: semidiscrete.RunPlan) -> Callable[[Floats, float], None] 
 
 
 def _long_step_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.History) -> list[str]:
-    """Return a list with a warning if long steps put advection off by over a tenth of the variation of u, or [].
+    """Return a list with a warning if long steps cause errors of advection over a tenth of u's variation, or [].
 
-    The error is estimated, from waves like those at the start, for the whole run or the time in which diffusion removes
-    them; not for equations without velocity, a constant start, or a u that varies and has become steady.
+    The error is estimated from waves like those at the start, for the whole run or the time until diffusion removes
+    them. Equations without velocity, a constant start, and a u that varies and has become steady are not checked.
     """
     evolution, form = plan.evolution, plan.problem.form
     if not isinstance(evolution, Heat) or evolution.velocity is None or len(history) < 2:
@@ -122,8 +122,8 @@ def _long_step_warnings(plan: semidiscrete.RunPlan, history: semidiscrete.Histor
     along = np.sqrt(share @ np.einsum("pcd,pd->pc", slopes, v) ** 2)[varies] / size[varies]
     steep = (share @ (slopes**2).sum(axis=2))[varies] / size[varies] ** 2
     lasts = 1 / np.maximum(mean_diffusivity(evolution.kappa, points) * steep, 1 / evolution.duration)
-    # Of the phase by BDF2 and Crank-Nicolson, of the size by backward Euler, for each radian of advection at r radians
-    # a step: ``factor r^order`` (cos 3t round the circle in 12 to 400 steps: .6 to 1.1 of that up to .3).
+    # For each radian of advection at r radians a step the error, of the phase by BDF2 and Crank-Nicolson, of the size
+    # by backward Euler, is ``factor r^order`` (cos 3t round the circle in 12 to 400 steps: .6 to 1.1 of that up to .3).
     factor, order = {"bdf2": (1 / 3, 2), "crank-nicolson": (1 / 12, 2), "backward-euler": (1 / 2, 1)}[evolution.scheme]
     errors = factor * (along * evolution.step) ** order * along * lasts
     worst = int(errors.argmax())

@@ -25,7 +25,7 @@ from cpmkit.scene.member_data import ReactionAt
 from cpmkit.scene.scene import conditions_depend_on_time
 from cpmkit.types import Floats
 
-#: Shares of a step up to this are rounding, and no step of their own.
+#: A rest of time up to this share of a step is rounding, for which no step is made.
 ROUNDED_STEP_SHARE = 1e-9
 REMEMBERED_MOMENTS = 3  #: Number of moments that schemes read.
 
@@ -110,7 +110,7 @@ class RunState:
 def apply_after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:
     """Return ``moment`` with u projected after ``evolution.after_step`` changed its values at the form's points.
 
-    It is returned itself if there is no such function or no change.
+    Without such a function or a change, ``moment`` itself is returned.
     """
     if evolution.after_step is None:
         return moment
@@ -207,8 +207,8 @@ class SemiDiscrete:
     def reaction_load(self, moment: Moment) -> Floats:
         """Return the load r(u) (n, channels) of the reaction at a moment.
 
-        The last two loads are cached by the array ``u`` itself, whatever its moment's time: for the same values at
-        another time, pass a moment with a copy of ``u``.
+        The last two loads are cached by the identity of the array ``u``, whatever the time: to get the load of the same
+        values at another time, pass a moment with a copy of ``u``.
         """
         for u, load in self._reactions:
             if u is moment.u:

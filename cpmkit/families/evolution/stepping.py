@@ -110,8 +110,8 @@ def euler_half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: Hist
 def previous_moment(history: History, length: float) -> tuple[Moment | None, float]:
     """Return the earlier moment that BDF2 uses, and the ratio of the step's ``length`` to the time since then.
 
-    It lies at least half a step back: with a shortened step before a full one the coefficients would be large. None and
-    0 if ``history`` has no such moment.
+    The moment lies at least half a step back, since coefficients would be large if a full step followed a short one.
+    None and 0 if ``history`` has no such moment.
     """
     back = 0.0
     for k in range(len(history) - 1, 0, -1):

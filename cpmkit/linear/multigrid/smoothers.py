@@ -18,7 +18,7 @@ from cpmkit.linear.direct import factorize_matrix, factorize_symmetric
 from cpmkit.types import Floats, Ints, SparseMatrix
 
 #: Chebyshev's iteration damps eigenvalues of D^-1 A above this share of the largest; coarser levels damp the others.
-#: Spheres take 19 to 21 iterations with 1/8 and 16 to 19 with 1/16; scenes with conditions take no fewer with less.
+#: Spheres take 19 to 21 iterations with 1/8 and 16 to 19 with 1/16; with conditions smaller shares save no iterations.
 SMOOTHED_SHARE = 1 / 16
 #: Most unknowns of a block without its overlap: with half as many a cycle takes a third more time, as more unknowns are
 #: solved twice; with twice as many the factors have a third more entries.
@@ -38,7 +38,7 @@ class Smoother(Protocol):
     def postsmooth(self, x: Floats, b: Floats, /) -> Floats:
         """Return x (n, channels) after further steps for ``A x = b``; x may be overwritten.
 
-        In a symmetric cycle they are the adjoint of :meth:`presmooth`.
+        In a symmetric cycle these steps are the adjoint of :meth:`presmooth`.
         """
 
 
@@ -46,8 +46,8 @@ class Smoother(Protocol):
 class Chebyshev:
     """Chebyshev's iteration with D^-1 A on the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero.
 
-    It is for waves, for which sweeps diverge at few nodes a wavelength, and for large levels, whose products use all
-    threads (Saad, *Iterative methods for sparse linear systems*, 2003).
+    It is used for waves, for which Gauss-Seidel sweeps diverge at few nodes a wavelength, and for large levels, whose
+    products use all threads (Saad, *Iterative methods for sparse linear systems*, 2003).
     """
 
     matrix: UnsignedCsr  #: A.
@@ -74,7 +74,7 @@ class Chebyshev:
 
 @dataclass(frozen=True, eq=False)
 class GaussSeidel:
-    """Gauss-Seidel sweeps on the unknowns where ``inverse`` (n,), of A's diagonal, is not zero; for one thread.
+    """Gauss-Seidel sweeps on the unknowns where ``inverse`` (n,), that of A's diagonal, is not zero; on one thread.
 
     Two sweeps reduce the error as much as three steps of Chebyshev's iteration, and update the residual as well: an
     iteration reads the finest matrix five times instead of seven, and needs no eigenvalue. One sweep on the finest
@@ -112,13 +112,14 @@ class GaussSeidel:
 
 @dataclass(frozen=True, eq=False)
 class WithStrip:
-    """A smoother preceded by an exact solve for the unknowns near conditions, and followed by one after the level."""
+    """A smoother combined with exact solves for the unknowns near conditions, before and after the coarser level."""
 
     iteration: Smoother  #: The smoother of the other unknowns.
     unknowns: Ints  #: (k,): the unknowns near conditions, the strip.
-    #: Their rows of A, (k, n), rounded like the level's matrix: otherwise ``after`` is not the adjoint of ``before``.
+    #: The rows of A (k, n) of the strip, rounded like the level's matrix, so that ``postsmooth`` is the adjoint of
+    #: ``presmooth``.
     rows: UnsignedCsr
-    factors: Any  #: object with a method ``solve``: factors of A restricted to them.
+    factors: Any  #: object with a method ``solve``: factors of A restricted to the strip.
 
     @property
     def products(self) -> int:

@@ -55,7 +55,7 @@ class Level:
     #: (r, k): lines of coarser unknowns whose differences of order k - 1 are stabilised: splines that hardly touch the
     #: manifold have entries so small that rounding determines their sign.
     lines: Ints | None = None
-    in_blocks: bool = False  #: Whether the strip is solved in overlapping blocks: it is so wide that its factors fill.
+    in_blocks: bool = False  #: Whether the strip is solved in overlapping blocks, since its factors would be large.
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def build_cycle(
         for number, (each, strip, level) in enumerate(zip(matrices, strips, levels, strict=True))
     ]
     labels, first = np.unique(piece, return_index=True)
-    added = np.zeros(len(piece))  # one unknown of each free piece, which fixes its constant
+    added = np.zeros(len(piece))  # is not zero at one unknown of each free piece, which fixes its constant
     added[first[labels >= 0]] = pinned.diagonal().max() or 1.0
     coarsest = factorize_symmetric(plus_diagonal(pinned, added), "on the coarsest level", positive=not waves)
     prolongations = [UnsignedCsr.from_matrix(level.prolongation, kind) for level in levels]
@@ -202,7 +202,7 @@ def _regular_strip(strip: Ints, piece: Ints) -> Ints:
 def largest_eigenvalue(matrix: UnsignedCsr, inverse: Floats) -> float:
     """Return an estimate, from below, of the largest eigenvalue of ``D^-1 A`` by twelve steps of Lanczos' method.
 
-    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero; without any it is 1.
+    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero; the result is 1 if none.
     """
     root = np.sqrt(inverse)[:, None]
     v = np.random.default_rng(0).standard_normal(root.shape) * (root > 0)
