@@ -90,7 +90,7 @@ def _parse_record(line: bytes, where: str) -> Record:
 
 
 def append_record(file: Path, record: Mapping[str, Any]) -> None:
-    """Append ``record`` to ``file`` as a line of JSON in one write; earlier lines stay whole if it is interrupted.
+    """Append ``record`` to ``file`` as a line of JSON, in one write: an interruption leaves earlier lines whole.
 
     Raises InputError if the file cannot be written, ValueError if a number is not finite.
     """
@@ -216,10 +216,10 @@ def _make_series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records:
 
 
 def _make_entry(records: Sequence[Record], target: str) -> Entry:
-    """Return the entry of a series at one spacing or target, from the records of all origins.
+    """Return the entry of a series at one spacing or accuracy target; ``records`` has one for each lattice position.
 
-    Errors are root mean squares over the origins, ``shift`` is the largest, other quantities are means; ``target`` is
-    empty for a spacing.
+    Errors are root mean squares over the positions, ``shift`` is the largest, other quantities are means. ``target`` is
+    the name of the accuracy target, empty for a spacing.
     """
 
     def of(name: str) -> Any:
@@ -244,8 +244,8 @@ def _make_entry(records: Sequence[Record], target: str) -> Entry:
 def _series_label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     """Return the label of a series: its method if methods differ, and the options in which series of the method differ.
 
-    If neither differs, the label is the option ``order``, or else the method; an accuracy target comes last. ``key``
-    and ``keys``, those of all series, are of :func:`_series_key`.
+    If neither differs, the label is the option ``order``, or the method if it has no order. An accuracy target comes
+    last. ``key`` of the series, and the ``keys`` of all series, are results of :func:`_series_key`.
     """
     (method, options, target), methods = key, {other for other, *_ in keys}
     own = [dict(other) for one, other, _ in keys if one == method]

@@ -147,7 +147,7 @@ def solve_by_fixed_nodes(
 ) -> Solution:
     """Return the solution of a scene by the closest point method with fixed values at the nodes near its boundaries.
 
-    Its ``scene`` is the given one without its boundaries, and its values include those of the fixed nodes.
+    The solution's ``scene`` is ``scene`` without boundaries, and its values include those of the fixed nodes.
 
     ``scene``: a steady problem; each boundary has the same Dirichlet condition on both sides.
     ``method``: ``nearest`` or ``ball``, the method that selects the fixed nodes.
@@ -201,7 +201,8 @@ def check_fixable(scene: Scene, method: str) -> None:
 def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource], method: str) -> tuple[Bools, Floats]:
     """Return a mask (n,) of the band's inner nodes that a method fixes near boundaries, and values (n, channels).
 
-    A fixed node has the Dirichlet datum of the nearest boundary that fixes it, at its foot there; others have zero.
+    The value of a fixed node is the Dirichlet datum at the nearest point of the nearest boundary that fixes the node;
+    that of other nodes is zero.
     ``sources`` are those of the boundaries relative to the lattice's origin, ``method`` is ``nearest`` or ``ball``.
     """
     layout = tables.layout
@@ -241,9 +242,10 @@ def _nearest_nodes(band: Band, source: LocalSource, distance: Floats) -> Bools:
 def _eliminate_fixed_nodes(
     operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats
 ) -> tuple[ExtensionOperator, Floats]:
-    """Return ``operator`` and ``b`` (n, channels), given on all n nodes, on the f nodes that are not ``fixed`` (n,).
+    """Return the operator and right-hand side (f, channels) of the f nodes that are not ``fixed`` (n,).
 
-    The columns of fixed nodes, times their ``values`` (n, channels), are moved to the right-hand side (f, channels).
+    ``operator`` and ``b`` (n, channels) are those of all n nodes. The columns of fixed nodes, times their ``values``
+    (n, channels), are moved to the right-hand side.
     """
     free, diagonal = np.flatnonzero(~fixed), operator.diagonal
     b = b + operator.datum_load(operator.extension[:, np.flatnonzero(fixed)] @ values[fixed])

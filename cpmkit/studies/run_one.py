@@ -77,7 +77,7 @@ def measure_run(
     scene = tie_step_to_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
     before, start = reset_peak_memory(), time.process_time()
     try:
-        with collected_warnings():  # the record holds them
+        with collected_warnings():  # the record contains the warnings
             solution = _solve_run(scene, run, study.options, progress)
     except (ResolutionError, ConvergenceError) as error:
         return {**record, "error": f"{type(error).__name__}: {error}"}
@@ -98,7 +98,7 @@ def _solve_run(scene: Scene, run: Run, options: dict[str, Any], progress: Progre
     if run.method not in (*set_by, *BASELINES):  # a plugin's back end, which may use the spacing in its own way
         return solve(scene, run.spacing, backend=run.method, progress=progress, **backend_independent_options(options))
     if run.spacing is None:
-        if run.origin is not None:  # the spacing is a result: a tenth of the surface's size serves as well
+        if run.origin is not None:  # a target has no spacing yet: shift by up to a tenth of the surface's size
             extent = float(np.ptp(scene.surface.bounds, axis=0).max())
             centre = np.asarray(scene.surface.bounds).mean(axis=0)
             options = {**options, "origin": centre + run.lattice_shift(scene.surface.dim, 0.1 * extent)}
@@ -179,9 +179,9 @@ def run_study(
     """Solve and record the runs of a study that are not recorded in ``folder`` yet, and return the numbers of runs.
 
     A run that fails as in :func:`measure_run` is recorded with its message, and the study continues. After an
-    interruption it continues at the next call. Raises InputError if one of ``spacings`` is not in the study, or records
-    cannot be read or written; if runs are left to make, CpmkitError if the study is wrong: its scene, its formulas or
-    its options.
+    interruption the study continues at the next call. Raises InputError if one of ``spacings`` is not in the study, or
+    records cannot be read or written; CpmkitError if any run is not recorded yet and the study's scene, formulas or
+    options are wrong.
 
     ``folder``: folder of the records, which is created.
     ``cheap``: use the study's cheap spacings only.
@@ -208,7 +208,7 @@ def run_study(
     truth = reference_values.compute_reference(study) if truth is None else truth
     failed = 0
     for run in {run.method: run for run in reversed(study.sweep.runs(cheap))}.values():
-        # A rough run of each method first, so that compilation is no cost of any.
+        # Each method first makes a rough run, so that no measured cost includes compilation.
         measure_run(study, replace(run, targets=(("tolerance", 0.1),)) if run.targets else run, truth)
     for number, run in enumerate(pending, len(runs) - len(pending) + 1):
         stage = f"run {number} of {len(runs)}"

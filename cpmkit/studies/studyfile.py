@@ -37,7 +37,7 @@ from cpmkit.studies.sweep import TARGETS, Sweep, listed_options, read_sweep
 
 
 def expand_names(table: Mapping[str, Any]) -> dict[str, str]:
-    """Return the formulas of a table [let] by name; a formula has those of earlier names in place of the names.
+    """Return the formulas of a table [let] by name, with the names of earlier formulas replaced by these formulas.
 
     Raises SceneError if a name is reserved or invalid, a value is no formula, or a formula becomes too long.
 
@@ -220,8 +220,8 @@ def _parse_study(tables: dict[str, Any], path: Path) -> Study:
 def _named_files(value: Any, folder: Path) -> Iterator[Path]:
     """Yield the files named by texts in tables and lists, under any key, since plugins have their own keys.
 
-    They are searched as in :func:`find_file`, first in ``folder``; texts for which it finds none are passed over. A
-    formula that equals the name of a file counts too: a change of the file repeats runs without need.
+    :func:`find_file` searches the files, first in ``folder``; texts that name no file are passed over. A formula that
+    equals the name of a file counts too: a change of the file then repeats runs without need.
     """
     match value:
         case str():

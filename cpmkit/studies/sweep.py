@@ -170,7 +170,7 @@ class Sweep:
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
         """Yield pairs (options as (name, value), number of the lattice position or None) of the runs at one resolution.
 
-        Of each option they take the listed values that the method's form accepts, or else its default.
+        Each option takes the listed values that the method's form accepts, or its default if there are none.
         """
         names, form = listed_options_of(method), _form_options_of(method)
         checks = declared_options(form)
@@ -215,7 +215,7 @@ class Run:
         return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 
     def lattice_shift(self, dim: int, unit: float | None = None) -> Floats:
-        """Return the lattice shift (``dim``,): zero without an origin, else its own in [0, ``unit`` or spacing)."""
+        """Return the shift (``dim``,) of the lattice: random in [0, ``unit`` or spacing), zero without an origin."""
         if self.origin is None:
             return np.zeros(dim)
         positions = np.random.default_rng(1).uniform(0, 1, (self.origin + 1, dim))

@@ -155,7 +155,7 @@ class Attempt:
 def attempts(series: Sequence[Series]) -> list[Attempt]:
     """Return the entries of all series as attempts, which are compared in error and cost.
 
-    Those that are the reference itself are left out, such as ``fem-refined`` on a mesh that is fine enough.
+    Entries that are the reference itself are left out, such as ``fem-refined`` on a mesh that is fine enough.
     """
     made = []
     for each in series:
@@ -171,7 +171,7 @@ def attempts(series: Sequence[Series]) -> list[Attempt]:
 def pareto_front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
     """Return the Pareto front of ``made``, cheapest first: attempts with errors below those of all that cost no more.
 
-    ``cost`` is a key of :data:`COSTS`. Attempts of which it is nan are left out, and of equal attempts all but one.
+    ``cost`` is a key of :data:`COSTS`. Attempts whose cost is nan are left out, and so are repeats of equal attempts.
     """
     best: list[Attempt] = []
     priced = [attempt for attempt in made if not math.isnan(getattr(attempt, cost))]
@@ -196,7 +196,7 @@ def cheapest_by_decade(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]
 
 
 def cheapest_table(made: Sequence[Attempt]) -> str:
-    """Return a Markdown table: for each decade of error and recorded cost, the attempt that reaches it at the least."""
+    """Return a Markdown table of the attempts that reach each decade of the error at the least cost of each kind."""
     found = {cost: cheapest_by_decade(made, cost) for cost in COSTS if pareto_front(made, cost)}
     heads = [head for cost in found for head in (f"least {COSTS[cost]}", COSTS[cost])]
     lines = [table_row(["rms error below, of the range", *heads]), "|--:|" + "---|--:|" * len(found)]

@@ -74,7 +74,7 @@ def letter_size(width: int, share: float) -> float:
     """Return the size of letters in pixels in a picture of ``width`` pixels.
 
     ``share`` is the share of the width that the colour bar takes in large pictures. In narrow pictures letters have 10
-    pixels, to be legible, and less only where the bar, which grows with them, would take above 0.35 of the width.
+    pixels, to be legible, and fewer only where the bar, which grows with its letters, would exceed 0.35 of the width.
     """
     return max(LETTER_SIZE * width, min(LEAST_LETTER, LETTER_SIZE * width * 0.35 / share))
 

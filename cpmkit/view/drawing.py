@@ -77,9 +77,9 @@ def make_camera(points: Floats, more: Floats, width: int, look: Look) -> Camera:
 def stability(points: Floats, axis: int) -> float:
     """Return how stably a model ``points`` (n, 3) stands with ``axis`` up: zero or negative if it would fall over.
 
-    It is the distance of the horizontal mean of the points from the rim of the base, over the diagonal of their
-    horizontal bounds. The base is the convex hull of the points in the lowest 3 percent of the height; if it has no
-    area, the result is zero. ``axis`` is 0, 1 or 2.
+    The result is the distance of the points' mean, seen from above, from the rim of the base, over the diagonal of the
+    points' horizontal bounds. The base is the convex hull of the points in the lowest 3 percent of the height; if it
+    has no area, the result is zero. ``axis`` is 0, 1 or 2.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -135,7 +135,7 @@ class Shapes:
     #: points, colours (v, 3): vertices in the camera's axes, and their colours from 0 to 1.
     points: Floats
     colours: Floats
-    triangles: Ints  #: (t, 3)
+    triangles: Ints  #: (t, 3): the vertices of each triangle.
 
     @classmethod
     def join(cls, parts: list[Shapes]) -> Shapes:
@@ -163,7 +163,7 @@ def ribbons(starts: Floats, ends: Floats, half_width: float) -> tuple[Floats, In
     """Return vertices (4 s, 3) and triangles (2 s, 3) of rectangles along segments, which face the viewer.
 
     ``starts`` and ``ends`` are (s, 3) in the camera's axes. A rectangle is longer by ``half_width`` than its segment,
-    and has no area if the viewer sees a point; its first two vertices are at the start, the others at the end.
+    and has no area if the segment points at the viewer; its first two vertices are at the start, the others at the end.
     """
     along = (ends - starts)[:, :2]
     length = np.linalg.norm(along, axis=1, keepdims=True)
@@ -257,7 +257,7 @@ def draw_mesh(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: in
 
 
 def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int) -> tuple[Camera, Floats, Floats]:
-    """Return the camera; segments (s, 2, 3) and points (k, 3), in space, of boundaries, ties, twins that look shows."""
+    """Return the camera, and what ``look`` shows of boundaries, ties and twins: segments (s, 2, 3), points (k, 3)."""
     curves, pins = [np.zeros((0, 2, 3))], [np.zeros((0, 3))]
     for boundary in solution.scene.boundaries if look.curves else ():
         if isinstance(boundary.source, HasMesh):
@@ -324,8 +324,8 @@ def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar
 def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Shapes:
     """Return arrows along ``vectors`` (v, d), centred at vertices of the mesh, in a grid that is 26 cells wide.
 
-    Each cell has at most one. Short vectors have arrows of a least length, and those below a millionth of the longest
-    none; arrows contrast with the colours of ``bar``, which show the lengths.
+    Each cell has at most one arrow. Short vectors have arrows of a least length, vectors below a millionth of the
+    longest have none. Arrows contrast with the colours of ``bar``, which show the lengths.
     """
     cell, sizes = 2 * drawing.camera.half[0] / 26, np.linalg.norm(vectors, axis=1)
     cells, within = np.divmod(mesh.points / cell, 1)

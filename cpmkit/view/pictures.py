@@ -109,8 +109,8 @@ def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
 def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None, columns: int = 1) -> Drawing:
     """Return the drawing of a mesh with the lines that do not depend on values, for one of several ``columns``.
 
-    ``bar`` is the colour bar beside it, or None. If the mesh has normals, the drawing is shaded with ``look.light``
-    "shaded", or None and no bar; else it has outlines.
+    ``bar`` is the colour bar beside it, or None. A mesh with normals is shaded if ``look.light`` is "shaded", or is
+    None while there is no bar; otherwise the drawing has outlines.
     """
     lit = look.light == "shaded" or (look.light is None and bar is None)
     width = model_width(look.width, bar is not None, bar.label if bar else "")
@@ -194,8 +194,8 @@ def animate(solution: SolutionRecord, path: str | Path, fps: float = 12.0, **opt
     Raises
     ------
     InputError
-        If the solution has no frames, its surface no mesh, an argument is not accepted (also the field "error", that at
-        the end alone), or the file cannot be written.
+        If the solution has no frames, its surface no mesh, an argument is not accepted (nor the field "error", which is
+        only known at the final time), or the file cannot be written.
     MissingDependencyError
         If matplotlib or the library that writes the film is not installed.
     """
@@ -226,7 +226,7 @@ def check_film(path: Path) -> None:
 def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
     """Yield the picture (rows, columns, 3) uint8 of each frame, with its time in the title and a common colour bar.
 
-    Raises InputError if the solution has no frames, and as :func:`check_channels`, or if the look is of the error.
+    Raises InputError if the solution has no frames, if ``look`` selects the error, and as :func:`check_channels`.
     """
     frames = frames_of(solution, "a film")
     if look.field == "error":

@@ -1,6 +1,6 @@
-"""The renderer: triangles filled into pixels, the nearest on top, the values of a pixel interpolated before colouring.
+"""The renderer, which fills triangles into pixels: values are interpolated, then coloured; the nearest is on top.
 
-It needs neither a display nor OpenGL, and draws the same picture on every machine.
+The renderer needs neither a display nor OpenGL, and draws the same picture on every machine.
 """
 
 from __future__ import annotations
