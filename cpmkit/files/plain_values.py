@@ -79,7 +79,8 @@ def check_fields(
 ) -> Mapping[str, Any]:
     """Return ``table`` if it has all ``needed`` fields, and these and its ``optional`` fields are of their kinds.
 
-    Other fields may be there. Raises InputError, with the name ``where``, if it is no table or a field is not so.
+    Other fields are allowed. Raises InputError, with the name ``where``, if ``table`` is no table, or a field is
+    missing or of another kind.
     """
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table, got {shown(table)}.")
@@ -147,7 +148,7 @@ WHOLE_NUMBER_BOUND = 2**63
 def read_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], label: str, like: str) -> Parsed:
     """Return the result of ``make`` for the tables and the path of a TOML file.
 
-    An error names it by ``label``, such as "scene file", and ends with ``like``, such as ", such as a.toml". Raises
+    An error calls the file ``label``, such as "scene file", and ends with ``like``, such as ", such as a.toml". Raises
     SceneError if the file is missing, too large or does not parse, nests tables too deeply, or holds a control
     character or a whole number beyond 64 bits. InputErrors of ``make`` are raised with the file's name.
     """

@@ -56,7 +56,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 def unfinished_name(path: Path) -> Path:
     """Return the temporary name of ``path``, a file or a folder, in this process and thread.
 
-    Its suffix is in lower case, as writers that recognise formats by suffix append their own to others.
+    Its suffix is in lower case, because some writers append their own suffix to any other than theirs.
     """
     return path.with_name(f".{path.stem}.{os.getpid()}-{threading.get_native_id()}{path.suffix.lower()}")
 
@@ -174,7 +174,7 @@ def cache_folder() -> Path:
 
 
 def existing_file(path: Any, label: str = "file") -> Path:
-    """Return the ``path`` of an existing file as a Path; else raise InputError, with ``label`` if it is no path."""
+    """Return ``path`` as a Path if the file exists; else raise InputError, with ``label`` for another type."""
     if not isinstance(path, (str, Path)):
         raise InputError(f"{label} must be the path of a file, got {shown(path)}.")
     if not _is_file(Path(path)):

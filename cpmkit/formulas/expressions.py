@@ -174,7 +174,7 @@ class ReactionExpression(Formulas):
 
 #: Formulas with more steps, derivatives included, are refused: each step is computed at every point.
 MAX_FORMULA_STEPS = 4_000
-#: Derivatives f of kernels by each of the operands a, b; those of kernels that are not listed are zero between jumps.
+#: Derivatives of each kernel f by its operands a, b; derivatives of kernels not listed here are zero between jumps.
 PARTIALS = {
     "add": ("1", "1"), "subtract": ("1", "-1"), "negative": ("-1",), "multiply": ("b", "a"),
     "divide": ("1/b", "-(f/b)"), "power": ("b*a**(b - 1)", "f*log(a)"), "mod": ("1", "-floor(a/b)"), "sqrt": ("0.5/f",),
@@ -192,12 +192,12 @@ class FormulaJets:
     """Formulas in the same variables, with their first and second derivatives."""
 
     names: tuple[str, ...]  #: Names of the m variables.
-    #: The rows of the first are the k formulas; the second adds the first derivatives, k for each variable; the third
-    #: adds the second derivatives, k for each pair of variables (first with first, first with second, ...).
+    #: Three programs. The rows of the first are the k formulas; the second adds their first derivatives, k rows for
+    #: each variable; the third adds second derivatives, k rows for each pair of variables (1 with 1, 1 with 2, ...).
     programs: tuple[Program, ...]
 
     def rows(self, order: int, columns: Floats) -> Floats:
-        """Return values, and derivatives up to ``order`` 0, 1 or 2, (r, n), at ``columns`` (m, n), see ``programs``."""
+        """Return the rows (r, n) of ``programs[order]``, ``order`` 0, 1 or 2, at points given as ``columns`` (m, n)."""
         return self.programs[order](dict(zip(self.names, columns, strict=True)), columns.shape[1])
 
 
@@ -229,9 +229,9 @@ def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) ->
 
 
 class Derivatives:
-    """Symbolic derivatives of the values of ``steps``, a list to which they are added; None is a derivative of zero.
+    """Symbolic derivatives of the values of ``steps``, the list to which derivatives are added as further steps.
 
-    The place of a value is its index in the list.
+    The place of a value is its index in the list; None in place of a derivative means zero.
     """
 
     def __init__(self, steps: Steps) -> None:

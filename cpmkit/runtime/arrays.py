@@ -36,7 +36,7 @@ def as_points(x: Any, dim: int, label: str = "points") -> Floats:
 def as_positions(x: Any, dim: int, label: str = "points") -> Floats:
     """Return ``x`` as a (n, dim) float64 array of finite points that :func:`check_size` accepts.
 
-    ``label`` is for messages. Raises InputError if ``x`` is not (n, dim) finite numbers, one is above
+    ``label`` names ``x`` in messages. Raises InputError if ``x`` is not (n, dim) finite numbers, one is above
     :data:`LARGEST_LENGTH` in size, or all points, unless they are equal, are in a box smaller than its inverse.
     """
     points = as_points(x, dim, label)

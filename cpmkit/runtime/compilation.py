@@ -1,7 +1,7 @@
 """Compiled kernels: compilation by numba, imported when the first is defined, and a pool of threads for their work.
 
-Work is divided into small parcels, assigned to threads as these become free: with parcels of half the work all would
-wait for a core that another process uses. The work releases the interpreter's lock, as compiled kernels and SciPy's
+Work is divided into small parcels, assigned to threads as these become free: with large parcels, all threads would wait
+for one whose core another process uses. The work releases the interpreter's lock, as compiled kernels and SciPy's
 sparse products do.
 """
 
@@ -137,8 +137,8 @@ if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none
 def run_parcels(work: Callable[[int, int], object], count: int, size: int = 4096) -> None:
     """Call ``work(start, stop)`` on all threads for consecutive parts of ``range(count)``, each of at most ``size``.
 
-    It returns when all parts are done, or raises the exception of a part, while others may still run. The default size
-    is for closest point queries: so few that a busy core does not delay the others.
+    The function returns when all parts are done, or raises the exception of a part, while others may still run. The
+    default size is for closest point queries: so few that a busy core does not delay the others.
     """
     starts = range(0, count, size)
     threads = thread_count()

@@ -16,8 +16,8 @@ from cpmkit.errors import CpmkitWarning, InputError
 def names_by_use(package: str) -> dict[str, dict[str, str]]:
     """Return the public names of a package and the modules that define them, by use: ``{use: {name: module}}``.
 
-    They are those that the source of the ``package`` imports as themselves in its blocks ``if TYPE_CHECKING:``: what
-    type checkers see. The comment in the first line of a block is the use, "" without a comment.
+    Public names are those that the source of ``package`` imports as themselves (``a as a``) in its blocks ``if
+    TYPE_CHECKING:``. The comment in the first line of a block is the use, "" without a comment.
     """
     loader: Any = sys.modules[package].__loader__
     blocks = re.findall(r"^if TYPE_CHECKING:(?:  # (.*))?\n((?: .*\n)+)", loader.get_source(package), re.MULTILINE)

@@ -47,7 +47,7 @@ def memory_limit() -> MemoryLimit:
 
 
 def available_bytes() -> int:
-    """Return the bytes of :func:`memory_limit`: those that this process may have or, under ``ulimit``, still get."""
+    """Return the bytes of :func:`memory_limit`, which this process may have or, under ``ulimit``, still get."""
     return memory_limit().bytes
 
 
@@ -82,7 +82,8 @@ def _group_limits(own: Path, groups: Path, moment: int) -> list[MemoryLimit]:
     """Return the limits of this process's control groups, version 1 and 2, and of the groups that contain them.
 
     ``own`` is the file that lists the groups of the process, ``groups`` the folder of all groups. ``moment`` is only a
-    key of the cache: within it the files are read once, as reading would take a twentieth of the time of small solves.
+    key of the cache: calls with the same ``moment`` read the files once, since reading takes a twentieth of the time of
+    small solves.
     """
     del moment
     texts = [_read_text(file).strip() for file in _group_files(own, groups)]
@@ -119,7 +120,7 @@ def _read_text(file: Path) -> str:
 def release_memory() -> None:
     """Return freed memory of a process of 512 MiB or more to the system, if the C library supports it (glibc does).
 
-    Kept memory is in gaps too small for larger arrays: after tables of many sizes they are a tenth of the used memory.
+    The library keeps freed memory in gaps, too small for larger arrays: a tenth of all after tables of many sizes.
     """
     # Smaller processes keep freed memory: released pages would have to be allocated and cleared again.
     if (_status_bytes("VmRSS") or 0) >= 2**29:

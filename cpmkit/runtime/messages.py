@@ -72,8 +72,8 @@ def warn_each(sentences: Iterable[str], stacklevel: int = 2) -> None:
 def collected_warnings() -> Iterator[list[str]]:
     """Yield a list that collects the sentences of all CpmkitWarnings of the block, each once, instead of showing them.
 
-    Warnings of other categories are shown. It is not for several threads at a time, because Python's warning filters
-    belong to the process.
+    Warnings of other categories are shown. Only one thread at a time may use this context, because Python's
+    warning filters belong to the process.
     """
     sentences: list[str] = []
     with warnings.catch_warnings():

@@ -81,8 +81,8 @@ def split_options(
 ) -> tuple[OptionsClass, dict[str, Any]]:
     """Return an instance of ``kind`` made of the ``keywords`` that are options of ``kind``, and the other keywords.
 
-    ``further`` are fields of the instance too; a keyword with the name of one is not used, and is among the other
-    keywords. Raises InputError if the value of an option is not accepted.
+    ``further`` are more fields of the instance; a keyword of the same name is returned among the other keywords.
+    Raises InputError if the value of an option is not accepted.
     """
     selected = {name: keywords[name] for name in declared_options(kind) if name in keywords and name not in further}
     return kind(**selected, **further), {name: value for name, value in keywords.items() if name not in selected}

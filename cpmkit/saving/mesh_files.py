@@ -195,7 +195,7 @@ def _chosen_mesh(solution: SolutionRecord, vertices: str) -> DisplayMesh:
 
 
 def _library_and_mesh(name: str, solution: SolutionRecord, vertices: str) -> tuple[Any, DisplayMesh]:
-    """Return the module of the library ``name`` and the mesh of :func:`_chosen_mesh` that is handed to it.
+    """Return the module of the library ``name``, and the mesh of :func:`_chosen_mesh` for it.
 
     Raises MissingDependencyError if the library is not installed, and InputError for another word in ``vertices``, or
     if the mesh has no triangles, which all but meshio need.

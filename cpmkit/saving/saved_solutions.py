@@ -141,8 +141,8 @@ def other_scene_error(path: Path, differs: str) -> InputError:
 def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None:
     """Check that a scene's equation, boundaries and edge are those ``saved``, as far as they are plain values.
 
-    Of files from before the edge was saved, only the kinds of equation and conditions, and the boundaries' names, are
-    compared. Raises InputError with the first difference.
+    Older files have no edge: then only the kinds of equation and conditions, and the boundaries' names, are compared.
+    Raises InputError with the first difference.
     """
     described = json.loads(json.dumps(describe_scene(scene)))
     if "edge" not in saved:
@@ -235,7 +235,7 @@ def save(
         if suffix == PAGE:
             from cpmkit.view.showing import page_of
 
-            of_page: Any = options  # options that pages do not have, such as fps, are refused
+            of_page: Any = options  # page_of refuses options that pages do not have, such as fps
             unfinished.write_text(page_of(solution, **of_page), encoding="utf-8")
         elif vertices == "own":
             MESH_WRITERS[suffix](own_mesh(solution), unfinished, None)
@@ -341,7 +341,7 @@ def frames_folder(path: Path) -> Path:
 def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
     """Draw the frames of a problem in time into ``<name>-0000.png``, ... beside ``path``, and return their paths.
 
-    They have a common colour bar. Raises InputError if the solution has no frames.
+    The pictures have a common colour bar. Raises InputError if the solution has no frames.
     """
     count = len(frames_of(solution, "a picture of each frame"))
     files = [_numbered_path(path, number, count) for number in range(count)]

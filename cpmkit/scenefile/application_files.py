@@ -45,7 +45,7 @@ def _application_options(tables: Mapping[str, Any], command: str) -> dict[str, A
 def _direction_pair(table: dict[str, Any], number: int, scene: Scene, folder: Path) -> tuple[Any, Any]:
     """Return the pair (places, vectors) that the ``table`` [[direction]] ``number`` describes.
 
-    It is points and their vectors, or a curve and its direction, or a curve and a table of the directions left and
+    Places are points, each with a vector, or a curve with one direction, or with a table of the directions left and
     right of it. Files are searched first in ``folder``. Raises InputError if a key or value is not accepted.
     """
     where, dim = f"[[direction]] {number}", scene.surface.dim

@@ -241,12 +241,11 @@ def as_table(value: Any, where: str) -> dict[str, Any]:
 def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], where: str) -> Any:
     """Return a value of a scene file with each table ``{ values = "FILE.npy" }`` replaced by :class:`VertexData`.
 
-    A table ``{ members = [...] }`` of data for each member of a union becomes :class:`MemberData`. The tables and lists
-    of the value are searched, and files first in the ``folder``. The rows belong to the vertices of one of
-    ``carriers``, sources after their names: of the one that a table names with ``of = NAME``, or of the only one that
-    has as many vertices as the array has rows. ``where`` is the name of the value in errors. Raises SceneError if an
-    array fits no source, or several. Raises InputError if a file is missing or does not contain an array of finite
-    numbers.
+    A table ``{ members = [...] }`` of data for each member of a union becomes :class:`MemberData`. Tables and lists are
+    replaced at any depth; files are searched first in ``folder``. The rows of an array belong to the vertices of one of
+    the ``carriers``: the carrier that the table names with ``of = NAME``, or the only one that has as many vertices as
+    the array has rows. ``where`` is the name of the value in errors. Raises SceneError if an array fits no carrier, or
+    several; InputError if a file is missing or does not contain an array of finite numbers.
     """
     match value:
         case dict() if "values" in value:
@@ -265,7 +264,7 @@ def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], wher
 def _vertex_data(table: dict[str, Any], folder: Path, carriers: Sequence[Carrier], where: str) -> VertexData:
     """Return the vertex data of a table ``{ values = "FILE.npy" }``; arguments as for :func:`with_vertex_data`.
 
-    Raises SceneError if the table has other keys, or the array fits no source, or several; InputError for its file.
+    Raises SceneError for other keys, or an array that fits no carrier, or several; InputError for a damaged file.
     """
     unknown = sorted(set(table) - {"values", "of"})
     names = [name for name, _ in carriers]

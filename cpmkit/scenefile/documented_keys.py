@@ -44,8 +44,8 @@ class Key:
 def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
     """Return the keys in scene files of the kind that a factory or class makes: its parameters by name.
 
-    They are in the order of the signature, without ``*args`` and ``**keywords``. Types and summaries are those of the
-    sections Parameters and Attributes of its docstring, else of the signature and of :data:`SHARED_KEYS`.
+    Keys are in the order of the signature, without ``*args`` and ``**keywords``. Types and summaries come from the
+    sections Parameters and Attributes of the docstring, or else from the signature and :data:`SHARED_KEYS`.
     """
     documented = {**_documented_parameters(make, "Parameters"), **_documented_parameters(make, "Attributes")}
     keys = []
@@ -63,7 +63,7 @@ def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
 
 
 def first_sentence(text: str | None) -> str:
-    """Return the first sentence of a docstring, or its first paragraph, on one line; links as last parts of names."""
+    """Return the first sentence of a docstring, or its first paragraph, on one line; links become plain names."""
     paragraph = " ".join(inspect.cleandoc(text or "").split("\n\n")[0].split())
     paragraph = re.sub(r":[\w:]+:`~?([^`]+)`", lambda link: link[1].rpartition(".")[2], paragraph)
     sentence = re.match(r"(.*?[.!?])(?= [A-Z`]|$)", paragraph)
@@ -103,8 +103,8 @@ _COLOURS = {
 class ApplicationKeys:
     """The tables and keys of an application in scene files, with the JSON schema of each key's value."""
 
-    entry: str  #: Name of the tables in a list, each of a curve, with the keys of its kind, or of points.
-    #: on_curve, at_points: Further keys of such a table of a curve, and all keys of such a table of points.
+    entry: str  #: Name of the list of tables; each table describes a curve, with the keys of its kind, or points.
+    #: on_curve, at_points: Further keys of a table that describes a curve, and all keys of one that describes points.
     on_curve: dict[str, Any]
     at_points: dict[str, Any] = field(default_factory=dict)
     table: str = ""  #: Name of the table of the application's options.
