@@ -1,6 +1,6 @@
 """Classes of solutions for users: records with methods that save, draw and convert them and estimate their error.
 
-Their attributes are those of the records; :func:`register_user_class` adds the documentation of these to theirs.
+The classes have the attributes of the records; :func:`register_user_class` adds the documentation of these attributes.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class Solution(SolutionRecord):
     def to_pyvista(self, vertices: str = "display") -> Any:
         """Return a ``pyvista.PolyData`` with point data ``u``, (v,) or (v, channels).
 
-        ``vertices`` is as for :meth:`save`. Raises MissingDependencyError without pyvista, InputError where that does.
+        ``vertices`` and InputErrors are as for :meth:`save`. Raises MissingDependencyError without pyvista.
         """
         from cpmkit.saving.mesh_files import to_pyvista
 
@@ -107,7 +107,7 @@ class Solution(SolutionRecord):
     def to_trimesh(self, vertices: str = "display") -> Any:
         """Return a ``trimesh.Trimesh`` with the vertex attribute ``u``, (v,), or ``u0``, ``u1``, ... for channels.
 
-        ``vertices`` is as for :meth:`save`. Raises MissingDependencyError without trimesh, InputError where that does.
+        ``vertices`` and InputErrors are as for :meth:`save`. Raises MissingDependencyError without trimesh.
         """
         from cpmkit.saving.mesh_files import to_trimesh
 
@@ -116,7 +116,7 @@ class Solution(SolutionRecord):
     def to_meshio(self, vertices: str = "display") -> Any:
         """Return a ``meshio.Mesh`` with point data ``u``, (v,) or (v, channels).
 
-        ``vertices`` is as for :meth:`save`. Raises MissingDependencyError without meshio, InputError where that does.
+        ``vertices`` and InputErrors are as for :meth:`save`. Raises MissingDependencyError without meshio.
         """
         from cpmkit.saving.mesh_files import to_meshio
 

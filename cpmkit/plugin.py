@@ -1,7 +1,7 @@
 """The names that a plugin may import from cpmkit; it imports no other module of cpmkit.
 
-They are listed by their use, which a comment names, and imported on first use: a plugin that reads no file loads no
-reader. Everything else in cpmkit may change without notice. import-linter checks this rule for the plugins of the
+The names are listed by their use, which a comment states, and imported on first use: a plugin that reads no file loads
+no reader. Everything else in cpmkit may change without notice. import-linter checks this rule for the plugins of the
 repository.
 """
 

@@ -115,8 +115,8 @@ class Prepared(Generic[Family]):
     def solved_by(self, solver: str, **options: Any) -> Prepared[Family]:
         """Return the scene, discretised as here, prepared for another linear solver, given by its name and options.
 
-        It is cached, with its factors and multigrid levels, for further calls; for the same solver it is this object.
-        Raises InputError if there is no such solver, or it has no such option.
+        The result is cached, with its factors and multigrid levels, for further calls; for the same solver it is this
+        object. Raises InputError if there is no such solver, or it has no such option.
         """
         target = SolverOptions.from_keywords({"solver": solver, **options})
         if target == self.solver:
@@ -127,7 +127,7 @@ class Prepared(Generic[Family]):
         return self.others[key]
 
     def sharing_preconditioner(self) -> Prepared[Family]:
-        """Return the prepared scene for equations that differ a little, as those of an iteration do.
+        """Return the prepared scene for equations that differ a little from each other, as in an iteration.
 
         The preconditioner of the first equation with a velocity is used for the following ones too, which then take a
         few iterations more, but half of the time or less. An equation that does not converge with it gets its own.

@@ -37,7 +37,7 @@ from cpmkit.types import Progress
 
 #: Shows nothing unless the caller configures logging.
 logger = logging.getLogger("cpmkit")
-#: Ratio of the spacings of the two timed solves, and least ratio of the finer of them to the given one.
+#: Ratio of the spacings of the two timed solves, and least ratio of the finer of these spacings to the requested one.
 TIMED_RATIO = 2.0
 
 
@@ -253,7 +253,7 @@ def _rounded_count(count: float) -> str:
 def _add_seconds(
     explained: Explanation, scene: Scene, spacing: float, progress: Progress, options: dict[str, Any]
 ) -> Explanation:
-    """Return ``explained`` with the seconds of a solve at ``spacing``, from timed coarse solves; None if they fail."""
+    """Return ``explained`` with the seconds of a solve at ``spacing``, by timed coarse solves; None if these fail."""
     given = {**options, "solver": explained.solver}
 
     def solve_timed(coarse: float) -> tuple[SolutionRecord, float]:
@@ -272,9 +272,9 @@ def extrapolated_cost(
 ) -> float | None:
     """Return the cost of a solve with ``unknowns`` at ``spacing``, extrapolated linearly from two coarse solves.
 
-    None if the coarse solves raise ResolutionError or SceneError. The coarser is made twice, as the first includes the
-    cost of compiling and reading. ``solve`` returns the solution at a spacing and its cost, such as seconds; ``m`` is
-    the dimension of the manifold. The finer solve has at most about 8000 unknowns.
+    None if the coarse solves raise ResolutionError or SceneError. The coarser solve is repeated, since the first one
+    includes the cost of compiling and reading. ``solve`` returns the solution at a spacing and its cost, such as
+    seconds; ``m`` is the dimension of the manifold. The finer solve has at most about 8000 unknowns.
     """
     fine = spacing * max((unknowns / 8_000) ** (1 / max(m, 1)), TIMED_RATIO)
     try:

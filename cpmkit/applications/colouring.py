@@ -57,10 +57,10 @@ class ArcLengthShare:
 
     @cached_property
     def _short_segments(self) -> tuple[Any, Floats, Floats, Floats, Floats]:
-        """Short pieces of the curves, in the direction of each; computed at first use.
+        """Short segments of the curves, in the direction of each curve; computed at first use.
 
-        They are a search tree of their middles, their starts (p, d) and ends (p, d), the arc lengths (p,) at the starts
-        and the lengths (p,) of their curves.
+        Values are a search tree of the segments' midpoints, their starts (p, d) and ends (p, d), the arc lengths (p,)
+        at the starts, and the lengths (p,) of the segments' curves.
         """
         from scipy.spatial import cKDTree
 

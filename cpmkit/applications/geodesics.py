@@ -72,10 +72,10 @@ def transport_distance(
 class Distance(Measured):
     """The geodesic distance from origins: read, saved and drawn as a solution.
 
-    ``solution`` is the distance on splines of the lattice, smooth at the origins where the distance has a tip.
+    ``solution`` is the distance as a spline on the lattice, which is smooth at the origins where the distance is not.
     """
 
-    origins: heat.Origins  #: Points and curves from which it is measured.
+    origins: heat.Origins  #: Points and curves from which the distance is measured.
     rounds: int  #: Number of rounds of transport.
     pieces: heat.Pieces  #: Connected pieces of the manifold.
     reached: Bools  #: (count,): which pieces have an origin.
@@ -83,8 +83,9 @@ class Distance(Measured):
     def evaluate(self, points: Any) -> Floats:
         """Return the distance (n,), zero or above, at the points of the manifold nearest to ``points`` (n, d).
 
-        Within two spacings of an origin it is the straight distance, except on the far side of a thin part; on pieces
-        without an origin it is infinite. Raises InputError as :meth:`cpmkit.Solution.evaluate`, and for one point (d,).
+        Within two spacings of an origin the result is the straight distance, except on the far side of a thin part; on
+        pieces without an origin it is infinite. Raises InputError as
+        :meth:`cpmkit.Solution.evaluate`, and for one point (d,).
         """
         surface, h = self.solution.scene.surface, self.solution.spacing
         at = as_points(points, surface.dim)
@@ -236,7 +237,7 @@ def _heat_distance(
 ) -> tuple[ck.Field, Solution]:
     """Return the field X (p, d) of unit vectors away from the origins, and the distance by the heat method.
 
-    On each piece with an origin a constant is added to it: the median difference from ``straight`` (p,) beside origins.
+    On each piece with an origin the distance is shifted by the median difference from ``straight`` (p,) near origins.
     """
     field = heat.heat_directions(prepared, origins, pieces)
     phi = heat.with_direct_solver_if_small(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))

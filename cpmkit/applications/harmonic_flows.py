@@ -46,12 +46,13 @@ def implicit_flow(
     rest: float,
     covering: float,
 ) -> tuple[Solution, list[float], bool]:
-    """Return the map that implicit steps reach, the energies at first and after each step, and whether it is at rest.
+    """Return the map that implicit steps reach, the initial energy and that after each step, and whether it is at rest.
 
     Short steps come first. A step that raises the energy or tears the map is repeated with half its length, down to a
     hundredth of the first; where conditions are prescribed, the first step is never repeated, since the initial map
-    need not satisfy them. The flow ends with a warning where a step would lower the energy below ``covering``, which no
-    map that covers it has, or after the last step without rest. The returned map is not yet projected on the target.
+    need not satisfy them. The flow ends with a warning if a step would lower the energy below ``covering``, a lower
+    bound while the map covers the target, or if the map is not at rest after the last step. The returned map is not yet
+    projected on the target.
 
     ``prepared``: the manifold with landmarks as boundaries.
     ``target``: the manifold of the images.

@@ -73,7 +73,7 @@ class Origins:
         ``spacing`` is that of the lattice. Heat of time t = reach^2 from a curve decays as exp(-s / reach), heat from a
         point as the Bessel function K0(s / reach) / pi, which is sqrt(2 reach / (pi s)) / 2 as large. The strength of
         points makes both equal at a distance s of a quarter of the manifold's size: ridges between points and curves
-        then lie half way, up to a fraction of the reach.
+        then lie half way, up to a fraction of ``reach``.
         """
         far = 0.25 * float(np.ptp(self.surface.bounds, axis=0).max())
         of_point = np.pi * reach / spacing * np.sqrt(2 * far / (np.pi * reach))
@@ -155,7 +155,7 @@ class Pieces:
     def piece_numbers(self, form: Discretized, points: Floats) -> Ints:
         """Return the numbers (k,) of the pieces that contain ``points`` (k, d); ``form`` is the discretised manifold.
 
-        The points are origins of a distance, or points of the manifold at which it is read.
+        The points are origins of a distance, or points of the manifold at which the distance is evaluated.
         """
         if self.count == 1 or not len(points):
             return np.zeros(len(points), dtype=np.int64)
@@ -167,7 +167,7 @@ _CACHE: WeakKeyDictionary[Discretized, Pieces] = WeakKeyDictionary()
 
 
 def pieces_of(prepared: Prepared) -> Pieces:
-    """Return the connected pieces of a prepared scene whose boundaries are barriers; computed once per scene."""
+    """Return the connected pieces of a prepared scene whose boundaries are barriers, computed once per scene."""
     form = prepared.discretized
     if form not in _CACHE:
         border = form.free_constants(form.stiffness(Terms()))
@@ -232,8 +232,8 @@ def with_direct_solver_if_small(prepared: Prepared) -> Prepared:
 def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None = None) -> ck.Field:
     """Return the field (p, d) of the unit vectors in which heat flows away from the origins.
 
-    They are zero at the few points where heat underflows, and on those of the ``pieces`` that have no origin. Raises
-    SceneError if no heat arrives at other points, of a piece with an origin or, without ``pieces``, of any piece.
+    Vectors are zero at the few points where heat underflows, and on those of ``pieces`` that have no origin. Raises
+    SceneError if no heat arrives at another point; without ``pieces``, every piece needs an origin.
     """
     h, heated = prepared.discretized.spacing, with_direct_solver_if_small(prepared)
     time = HEAT_TIME * h * h
@@ -272,8 +272,8 @@ def vector_heat_directions(
 ) -> tuple[Floats, Solution]:
     """Return the unit directions (p, 3) of diffused vectors at ``prepared.points``, and a solution with these values.
 
-    A direction is read after the first time at which the vector at the point exceeds noise: ``shortest`` times the
-    squared spacing, four times that, and so on. Raises SceneError if the vector at some point never does.
+    Each point has the direction at the first time at which its vector exceeds noise: ``shortest`` times the squared
+    spacing, four times that, and so on. Raises SceneError if the vector of some point never exceeds noise.
 
     ``prepared``: the surface, prepared for solving.
     ``coupling``: the coefficient that keeps vectors tangential, see :func:`tangential_coupling`.
@@ -299,9 +299,9 @@ def vector_heat_directions(
 def tangential_coupling(prepared: Prepared, parallel: bool) -> ck.Field:
     """Return the zeroth-order coefficient of the system for the components of tangential vectors.
 
-    It is (25 / h^2) n n', with the normal n, which penalises normal components; less S^2, with the shape operator S, if
-    vectors are transported in ``parallel``. With 1 in place of 25 directions are 18 times less exact on a sphere; with
-    100 twice as many iterations are needed. The field has nine channels, a 3 x 3 matrix per point.
+    The coefficient is a 3 x 3 matrix per point, a field of nine channels: (25 / h^2) n n', which penalises components
+    along the normal n, minus the square S^2 of the shape operator if vectors are transported in ``parallel``. With 1 in
+    place of 25, directions are 18 times less exact on a sphere; with 100, twice as many iterations are needed.
     """
     normals = ck.normals_at(prepared.scene.surface, prepared.points)
     projector = np.einsum("pi,pj->pij", normals, normals)

@@ -41,7 +41,7 @@ class TransportedField(TangentField):
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = False) -> Floats:
         """Return the tangential vectors (n, 3) at the surface points nearest to ``points`` (n, 3).
 
-        They are unit vectors if ``normalized``; ``side`` is as for :meth:`TangentField.evaluate`.
+        Vectors have length one if ``normalized``; ``side`` is as for :meth:`TangentField.evaluate`.
         """
         directions = super().evaluate(points, side)
         if normalized:
@@ -72,7 +72,7 @@ class LogarithmicMap:
         else:
             second = second_field.evaluate(at, normalized=True)
         direction = np.stack([dots(away, axis) for axis in (first, second)], axis=1)
-        # near the point, where splines round the distance off, the direction is that of the chord
+        # near the point, where the spline of the distance is inexact, the direction is that of the chord
         straight = (at - self.point) @ self.axes.T
         close = (norms(at - self.point) < 2 * h) & (length < PRESCRIBED_SPACINGS * h)
         return np.asarray(length[:, None] * unit(np.where(close[:, None], straight, direction)))

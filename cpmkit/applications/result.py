@@ -175,7 +175,7 @@ class Measured(Result):
 
     @cached_property
     def error(self) -> ErrorEstimate:
-        """An estimate of the error: of a target such as ``tolerance``, or made on first use at twice the spacing.
+        """An estimate of the error: that of the solve to a target, or one made at first use from twice the spacing.
 
         Errors are assumed to be proportional to the spacing, as on ridges and meshes. On smooth surfaces they fall
         faster, and the estimate is up to ten times too large. Raises CpmkitError if the quantity cannot be computed at
@@ -211,7 +211,7 @@ def measure_to_target(
     ``measure``: computes the quantity on a prepared scene.
     """
     target = {name: options[name] for name in ("tolerance", "norm", "seconds", "memory") if name in options}
-    #: What a result has beside its solution, which would keep the key in memory.
+    #: The result of each discretised scene, without its solution, which would keep that scene in memory.
     beside: WeakKeyDictionary[Discretized, MeasuredResult] = WeakKeyDictionary()
     made: MeasuredResult | None = None
     if not target or spacing is not None or isinstance(surface, Prepared):
@@ -232,9 +232,9 @@ def measure_to_target(
         beside[each.solution.discretized] = replace(each, solution=nothing)
         return each.solution
 
-    if made is not None:  # an estimate that the solution made of itself would be that of only the last solve
+    if made is not None:  # the solution alone would estimate the error of the last solve only
         return replace(made, recompute=recompute, solution=replace(made.solution, estimated=False))
-    solution = ck.solve_by(recompute, scene, order=1.0, **target)  # not the last one where the target is missed
+    solution = ck.solve_by(recompute, scene, order=1.0, **target)  # not the last one computed if the target is missed
     return replace(beside[solution.discretized], recompute=recompute, solution=solution)
 
 

@@ -38,7 +38,7 @@ class SignedDistance(Measured):
     ``solution`` is the distance on splines of the lattice.
     """
 
-    curves: heat.Origins  #: Curves from which it is measured.
+    curves: heat.Origins  #: Curves from which the distance is measured.
     rounds: int  #: Number of rounds of transport.
 
     def evaluate(self, points: Any) -> Floats:

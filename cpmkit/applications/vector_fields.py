@@ -85,8 +85,8 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Float
 def _transport_angle(planes: Floats, first: Floats, second: Floats, corner: int) -> Floats:
     """Return the angle (f,) of the first axis at a ``corner`` of each triangle after its transport to the next corner.
 
-    It is measured from the first axis there. ``planes`` (f, 3, 3) are the normals at the corners, ``first`` and
-    ``second`` (f, 3, 3) the axes of their tangent planes.
+    The angle is measured from the first axis at the next corner. ``planes`` (f, 3, 3) are the normals at the corners,
+    ``first`` and ``second`` (f, 3, 3) the axes of their tangent planes.
     """
     after = (corner + 1) % 3
     n, m, axis = planes[:, corner], planes[:, after], first[:, corner]
@@ -115,7 +115,7 @@ class TangentField(result.Result):
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = True) -> Floats:
         """Return tangent vectors (n, 3), of length one if ``normalized``, at the points nearest to ``points`` (n, 3).
 
-        ``side``, but not "both", and errors are as for :meth:`cpmkit.Solution.evaluate`. A unit vector of zero is zero.
+        ``side``, but not "both", and errors are as for :meth:`cpmkit.Solution.evaluate`. Zero vectors remain zero.
         """
         surface = self.solution.scene.surface
         at = as_points(points, surface.dim)
@@ -272,7 +272,7 @@ def _curve_directions(curve: ClosestPointSource, surface: ClosestPointSource, wh
 def project_vectors(surface: ClosestPointSource, points: Any, vectors: Any) -> tuple[Floats, Floats]:
     """Return ``points`` (k, 3) or (3,) projected on a surface, (k, 3), and there the tangential parts of ``vectors``.
 
-    Vectors are (k, 3), or (3,) for all points. Raises InputError if they are not, or one is zero or normal to it.
+    Vectors are (k, 3), or (3,) for all points. Raises InputError for another shape, or if a tangential part is zero.
     """
     at = surface.closest_point(as_points(np.atleast_2d(points), 3)).points
     given = as_points(np.atleast_2d(vectors), 3, "vectors")

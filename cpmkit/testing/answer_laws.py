@@ -11,11 +11,12 @@ from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.testing.queries import Subject, certain_rows, law, require, require_refusal, require_rows, symmetric_points
 from cpmkit.types import Floats
 
-#: Step from a foot to points around it, and least step along the manifold from a foot to a query beyond, over the size.
+#: Shares of the size: step from a foot to points around it, and least step along the manifold to a query beyond a foot.
 AROUND_SHARE, AWAY_SHARE = 1e-4, 1e-3
-#: The manifold is flat where the feet of points around leave the tangent space by less than a share of their spread; a
-#: query is beyond the foot if its direction has a tangential part; the manifold ends if those feet have a mean: by
-#: symmetry 0 inside, and about 0.3 steps at a straight rim.
+#: Shares for three questions on the feet of points around a foot. The manifold is flat if these feet leave the tangent
+#: space by less than the first share of their spread. A query is beyond the foot if its direction has a tangential part
+#: above the second. The manifold ends if their mean is off the foot by the third: 0 inside, 0.3 steps at a straight
+#: rim.
 FLAT_SHARE, BEYOND_SHARE, ONE_SIDED_SHARE = 0.05, 0.3, 0.05
 
 
