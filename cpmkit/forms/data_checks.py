@@ -181,9 +181,10 @@ _PIECES: WeakKeyDictionary[Border, list[dict[str, Any]]] = WeakKeyDictionary()
 def balanced_solution(
     operator: Bordered, b: Floats, u: Floats, form: Discretized
 ) -> tuple[Floats, tuple[Imbalance, ...]]:
-    """Return ``u`` less its mean on each piece of the border, and the imbalance of the load ``b`` on each piece.
+    """Return ``u`` less its mean on each piece, and the imbalance of the load ``b`` on each piece.
 
-    ``u`` solves ``operator u = b``, both (n, channels). The places of pieces are cached for the same border.
+    ``u`` solves ``operator u = b``, both (n, channels). A piece is one on which the border of ``operator`` determines
+    the constant; the places of pieces are cached for the same border.
     """
     u, means = operator.border.remove_means(u)
     indicator, load = operator.border.indicator.toarray(), operator.border.constant_load

@@ -33,8 +33,8 @@ def find_jump(
 ) -> Floats | None:
     """Return a point (d,) of the manifold at which data jump and no boundary or crease lies; None without one.
 
-    ``function`` returns the data (k, channels) at points (k, d), None if it refuses them; ``points`` (n, d) are those
-    at which a form with this ``spacing`` reads them.
+    ``function`` returns the data (k, channels) at points (k, d), or None if it refuses the points; ``points`` (n, d)
+    are the places at which a form with this ``spacing`` evaluates the data.
     """
     rows = np.linspace(0, len(points) - 1, COMPARED_POINTS).astype(np.int64)
     points = points[np.unique(rows)] if len(points) > COMPARED_POINTS else points

@@ -168,8 +168,8 @@ def largest_dim(source: ClosestPointSource) -> int:
 def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
     """Return ``source`` with queries and answers relative to ``origin`` (d,).
 
-    Unless ``origin`` is zero, it is translated if it has a method for that, else its queries and feet are shifted. The
-    deprecated method ``translated`` is called where ``translate`` is missing, with a warning.
+    Unless ``origin`` is zero, the source is translated if it has a method for that, else queries and feet are shifted.
+    The deprecated method ``translated`` is called where ``translate`` is missing, with a warning.
     """
     if not origin.any():
         return LocalSource(source, np.array(origin), of=source)

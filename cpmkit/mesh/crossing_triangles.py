@@ -32,14 +32,14 @@ def _near_pairs(ends: Floats, corners: Floats) -> tuple[Ints, Ints]:
     """Return segments (k,) and triangles (k,) whose bounding boxes meet, by a search per size class of triangles."""
     from scipy.spatial import cKDTree
 
-    middles, centres = ends.mean(axis=1), corners.mean(axis=1)
+    midpoints, centres = ends.mean(axis=1), corners.mean(axis=1)
     reach, radius = 0.5 * norms(ends[:, 1] - ends[:, 0]), norms(corners - centres[:, None]).max(axis=1)
     size = np.floor(np.log2(np.maximum(radius, np.finfo(float).tiny)))
     edges, cells = [], []
     for each in np.unique(size):
         members = np.flatnonzero(size == each)
-        near = cKDTree(centres[members]).query_ball_point(middles, reach + radius[members].max())
-        edge = np.repeat(np.arange(len(middles)), [len(rows) for rows in near])
+        near = cKDTree(centres[members]).query_ball_point(midpoints, reach + radius[members].max())
+        edge = np.repeat(np.arange(len(midpoints)), [len(rows) for rows in near])
         cell = members[np.concatenate([np.zeros(0), *near]).astype(np.int64)]
         apart = (ends.max(axis=1)[edge] < corners.min(axis=1)[cell]).any(axis=1)
         apart |= (ends.min(axis=1)[edge] > corners.max(axis=1)[cell]).any(axis=1)

@@ -71,7 +71,7 @@ class SkinPieces:
         return np.stack([np.bincount(self.piece, column, count) for column in self.areas.T], axis=1)
 
     @property
-    def middles(self) -> Floats:
+    def centres(self) -> Floats:
         """(m, d) the means of the corners of each piece."""
         return np.asarray(np.add.reduceat(self.corners, self.corner_starts[:-1]) / np.diff(self.corner_starts)[:, None])
 

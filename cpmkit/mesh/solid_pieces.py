@@ -49,7 +49,7 @@ class Components:
 
 
 def components_of(pieces: SkinPieces, row: Ints, cells: int) -> Components:
-    """Return the components of ``pieces``, joined if they share a part of a facet; ``row`` (m,) is below ``cells``."""
+    """Return the components of ``pieces``, which share parts of facets; ``row`` (m,) < ``cells`` is a piece's cell."""
     count, (piece, facet) = len(pieces.cell), pieces.bounds.T
     walls = np.flatnonzero(~pieces.in_face)
     keep = ~pieces.in_face[piece]
@@ -132,7 +132,7 @@ class SolidPatches:
         several = np.flatnonzero((component < 0) & (np.diff(self.patch_starts)[row] > 1))
         if len(several):
             area = self.pieces.normals[several]
-            inside = self.pieces.middles[several] - 1e-6 * area / np.abs(area).max(axis=1, keepdims=True)
+            inside = self.pieces.centres[several] - 1e-6 * area / np.abs(area).max(axis=1, keepdims=True)
             patch[several] += np.maximum(self._parts_at(row[several], inside), 0)
         return patch
 
@@ -293,6 +293,6 @@ def solid_patches(pieces: SkinPieces) -> SolidPatches:
 
 
 def geometry_of(pieces: SkinPieces, components: Components) -> Geometry:
-    """Return the arrays of pieces that kernels take: order and starts by component, corners, normals and middles."""
+    """Return the arrays of pieces that kernels take: order and starts by component, corners, normals and centres."""
     own = components.order, components.piece_starts, pieces.corners, pieces.corner_starts
-    return *own, np.ascontiguousarray(pieces.normals), np.ascontiguousarray(pieces.middles)
+    return *own, np.ascontiguousarray(pieces.normals), np.ascontiguousarray(pieces.centres)

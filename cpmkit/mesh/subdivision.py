@@ -138,8 +138,8 @@ class _DividedEdges:
         return np.asarray(np.where(place == 0, self.ends[edge, 0], inside), dtype=np.int64)
 
     def halvings(self) -> tuple[Ints, Ints]:
-        """Return ascending codes (:func:`_edge_codes`) and middles (k,) of divided edges, their halves and so on."""
-        codes, middles = [], []
+        """Return ascending codes (:func:`_edge_codes`) and midpoint vertices, both (k,), of divided edges and halves"""
+        codes, midpoints = [], []
         for level in range(int(self.levels.max())):
             edges = np.flatnonzero(self.levels > level)
             row, place = expand_counts(np.full(len(edges), 2**level))
@@ -147,9 +147,9 @@ class _DividedEdges:
             step = 2 ** (self.levels[edge] - level)
             ends = [self.vertex(edge, (place + k) * step) for k in range(2)]
             codes.append(_edge_codes(np.stack(ends, axis=1)))
-            middles.append(self.vertex(edge, place * step + step // 2))
+            midpoints.append(self.vertex(edge, place * step + step // 2))
         order = np.argsort(np.concatenate(codes))
-        return np.concatenate(codes)[order], np.concatenate(middles)[order]
+        return np.concatenate(codes)[order], np.concatenate(midpoints)[order]
 
 
 def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, tuple[Ints, Ints] | None]:

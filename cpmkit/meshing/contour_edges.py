@@ -67,14 +67,14 @@ class OpenEdges:
 
     edge: Ints  #: (b,): numbers of these edges among all edges.
     ends: Ints  #: (b, 2): vertices of each edge.
-    #: middles, conormals (b, 3): the midpoints of the edges, and the unit conormals there: perpendicular to the edge,
-    #: out of its triangle.
-    middles: Floats
+    #: midpoints, conormals (b, 3): the midpoints of the edges, and unit conormals there, perpendicular to the edge and
+    #: pointing out of its triangle.
+    midpoints: Floats
     conormals: Floats
 
     def take(self, rows: Bools | Ints) -> OpenEdges:
         """Return the edges at ``rows``, numbers or a mask."""
-        return OpenEdges(self.edge[rows], self.ends[rows], self.middles[rows], self.conormals[rows])
+        return OpenEdges(self.edge[rows], self.ends[rows], self.midpoints[rows], self.conormals[rows])
 
     def normals(self, vertices: Floats) -> Floats:
         """Return unit normals (b, 3), of either sign, of the triangles at these edges."""

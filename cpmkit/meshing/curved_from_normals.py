@@ -88,8 +88,8 @@ def curve_cells_by_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence
     """
     cache, edges = mesh_cache_of(source), mesh.edges
     if cache is not None and cache.has_cells_of(mesh) and not boundaries:
-        middles = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
-        return mesh.with_same_cells(midpoints=(middles + _cached_heights(source, cache))[edges.of_cells])
+        midpoints = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
+        return mesh.with_same_cells(midpoints=(midpoints + _cached_heights(source, cache))[edges.of_cells])
     if not len(mesh.cut):
         normals = smooth_vertex_normals(source, mesh)
         share = _height_shares(source, mesh, normals)
@@ -144,8 +144,8 @@ def smooth_midpoints(
     """
     across, flat = unit(normals.across[ends].sum(axis=1)), np.asarray(normals.flat[ends].any(axis=1))
     if flat.any():
-        at_middles = smooth_normals(source, 0.5 * vertices[ends[flat]].sum(axis=1))
-        across[flat], flat[flat] = at_middles.across, at_middles.flat
+        at_midpoints = smooth_normals(source, 0.5 * vertices[ends[flat]].sum(axis=1))
+        across[flat], flat[flat] = at_midpoints.across, at_midpoints.flat
     a, b = vertices[ends[:, 0]], vertices[ends[:, 1]]
     start, end = (unit(_tangential_components(b - a, normals.across[side])) for side in ends.T)
     length = norms(b - a)[:, None]
@@ -223,11 +223,11 @@ def _cached_heights(source: LocalSource, cache: MeshCache) -> Floats:
     def heights() -> Floats:
         """Compute the vectors (e, d) in the scene's coordinates."""
         mesh = cache.mesh
-        middles = 0.5 * (mesh.vertices[mesh.edges.ends[:, 0]] + mesh.vertices[mesh.edges.ends[:, 1]])
+        midpoints = 0.5 * (mesh.vertices[mesh.edges.ends[:, 0]] + mesh.vertices[mesh.edges.ends[:, 1]])
         normals = smooth_vertex_normals(source, mesh)
         share = _height_shares(source, mesh, normals)
         points, _ = smooth_midpoints(untranslated_source(source), mesh.vertices, mesh.edges.ends, normals, share)
-        return points - middles
+        return points - midpoints
 
     return cache.value("heights", heights)
 
@@ -246,7 +246,7 @@ def _height_shares(source: LocalSource, mesh: Mesh, normals: SmoothNormals) -> F
 
 
 def _is_supported_union(source: LocalSource) -> bool:
-    """Return whether a source is a union of meshes whose edges keep their heights; caches of the members are filled."""
+    """Return whether a source is a union of meshes with curvature support everywhere; fill the mesh caches."""
     if not isinstance(source.of, HasMembers):
         return False
     for member in source.of.members:

@@ -164,8 +164,8 @@ def _near_pairs(a: Floats, b: Floats, c: Floats, d: Floats, reach: float) -> tup
 
 def _heights(source: LocalSource | FlatCurve, mesh: Mesh) -> Floats:
     """Return the distances (s,) of a curve from the midpoints of its segments."""
-    middles = mesh.vertices[mesh.cells].mean(axis=1)
-    return norms(source.closest_point(middles).points - middles)
+    midpoints = mesh.vertices[mesh.cells].mean(axis=1)
+    return norms(source.closest_point(midpoints).points - midpoints)
 
 
 def _newton_step(p: Floats, q: Floats, along_p: Floats, along_q: Floats) -> tuple[Floats, Floats, Floats]:

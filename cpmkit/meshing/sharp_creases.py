@@ -72,8 +72,8 @@ def creased_edges(mesh: Mesh, source: LocalSource, sliver: float = 0.0, farthest
     if source.slight_creases:
         slight = sharp_facets(mesh, LEAST_CREASE_DEGREES, sliver) & ~creased
         if slight.any() and shows_slight_creases(source, mesh.edge_lengths[slight]):
-            middles = mesh.vertices[mesh.edges.ends].mean(axis=1)
-            creased |= points_on_creases(source, middles, _faces_at(mesh, slight), farthest)[1]
+            midpoints = mesh.vertices[mesh.edges.ends].mean(axis=1)
+            creased |= points_on_creases(source, midpoints, _faces_at(mesh, slight), farthest)[1]
     return np.asarray(creased & ~mesh.edge_is_cut)
 
 

@@ -238,7 +238,7 @@ def _replace_facet_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
 
 
 def flip_chords(mesh: Mesh) -> Mesh:
-    """Return the triangles; if two edges of one are in line on boundaries, its third edge is flipped."""
+    """Return the mesh after flips of the third edge of triangles with two edges in line on boundaries."""
     of_cells = mesh.edge_is_cut[mesh.edges.of_cells]
     thin = np.flatnonzero(of_cells.sum(axis=1) == 2)
     if not len(thin):

@@ -120,7 +120,8 @@ def _read_text(file: Path) -> str:
 def release_memory() -> None:
     """Return freed memory of a process of 512 MiB or more to the system, if the C library supports it (glibc does).
 
-    The library keeps freed memory in gaps, too small for larger arrays: a tenth of all after tables of many sizes.
+    The library keeps freed memory in gaps that are too small for larger arrays: after tables of many sizes they are a
+    tenth of the used memory.
     """
     # Smaller processes keep freed memory: released pages would have to be allocated and cleared again.
     if (_status_bytes("VmRSS") or 0) >= 2**29:

@@ -106,16 +106,16 @@ def _cells_to_integrate(solution: SolutionRecord, dim: int) -> tuple[Mesh, Float
     flat = Mesh.of(points, corners)
     a, b = flat.edges.ends.T
     shared = np.where(sides[a] == sides[b], sides[a], 0)
-    middles = project_edge_midpoints(scene.surface, flat)
+    midpoints = project_edge_midpoints(scene.surface, flat)
     on_boundary = np.flatnonzero(shared.any(axis=1))
     straight = 0.5 * (points[a] + points[b])[on_boundary]
     moved = scene.surface.closest_point(project_onto_boundaries(scene, straight, shared[on_boundary])).points
-    middles[on_boundary] = limit_midpoint_shift(straight, moved, flat.edge_lengths[on_boundary])
-    off = (np.linalg.norm(moved - middles[on_boundary], axis=1) > 0)[:, None]
+    midpoints[on_boundary] = limit_midpoint_shift(straight, moved, flat.edge_lengths[on_boundary])
+    off = (np.linalg.norm(moved - midpoints[on_boundary], axis=1) > 0)[:, None]
     shared[on_boundary] = np.where(off, 0, shared[on_boundary])
-    of_cells, at_middles = flat.edges.of_cells, evaluate_on_sides(solution, middles, shared)
-    values = np.concatenate([mesh.values[corners], at_middles[of_cells]], axis=1)
-    return Mesh.of(points, corners, middles[of_cells]), values
+    of_cells, at_midpoints = flat.edges.of_cells, evaluate_on_sides(solution, midpoints, shared)
+    values = np.concatenate([mesh.values[corners], at_midpoints[of_cells]], axis=1)
+    return Mesh.of(points, corners, midpoints[of_cells]), values
 
 
 #: Width, in spacings, of the bump function around a boundary without a mesh.
@@ -141,8 +141,8 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
     cells = cells_with_corners(cells, dim + 1)
     flat = Mesh.of(points, cells)
     nodes = surface.closest_point(source.closest_point(points).points).points
-    middles = surface.closest_point(project_edge_midpoints(source, flat)).points
-    rule_points, _, weights, _ = quadratic_rule(Mesh.of(nodes, cells, middles[flat.edges.of_cells]))
+    midpoints = surface.closest_point(project_edge_midpoints(source, flat)).points
+    rule_points, _, weights, _ = quadratic_rule(Mesh.of(nodes, cells, midpoints[flat.edges.of_cells]))
     on_source = source.closest_point(rule_points.reshape(-1, rule_points.shape[2])).points
     return surface.closest_point(on_source).points, weights.ravel()
 
@@ -204,8 +204,8 @@ def _rim_of_triangles(
     number.
     """
     flat = Mesh.of(points, cells)
-    rim, middles = rim_of_edges(flat), project_edge_midpoints(surface, flat)
-    at, _, weights, _ = quadratic_rule(Mesh.of(points, flat.edges.ends[rim.rows], middles[rim.rows][:, None]))
+    rim, midpoints = rim_of_edges(flat), project_edge_midpoints(surface, flat)
+    at, _, weights, _ = quadratic_rule(Mesh.of(points, flat.edges.ends[rim.rows], midpoints[rim.rows][:, None]))
     outward = np.repeat(unit(rim.outward), at.shape[1], axis=0)
     beyond = at.reshape(-1, points.shape[1]) + min(BEYOND_RIM_SPACINGS, OUTWARD_EDGE_SHARE) * spacing * outward
     return surface.closest_point(beyond), weights.ravel()

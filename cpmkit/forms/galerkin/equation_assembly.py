@@ -140,7 +140,7 @@ class EquationAssembly:
     __getstate__ = state_without_cached
 
     def stiffness(self, terms: Terms) -> GalerkinOperator:
-        """Return A: the energy of the diffusivity, stabilised, c u v, the advection, and the terms of the conditions.
+        """Return the matrix A of diffusion, stabilised, of c u v, of advection, and of the terms of the conditions.
 
         Raises InputError if the diffusivity is not positive (definite on tangents) or the velocity is not (n, d),
         SceneError if a condition gives a conductivity that differs from the diffusivity.

@@ -82,7 +82,7 @@ def find_defects(
     distances = nodes.distance[(nodes.distance < nodes.spacing) & ~nodes.on_rim] / nodes.spacing
     area_from_nodes = (1 + np.cos(np.pi * distances)).sum() * 0.5 * nodes.spacing**2
     return MeshDefects(
-        border.middles[off_rim],
+        border.midpoints[off_rim],
         vertices[edges.ends[crowded]].mean(axis=1),
         vertices[degree == 1],
         folds,

@@ -71,7 +71,7 @@ class RimTest:
             rows = np.flatnonzero(~at_rim)
             if len(rows):
                 way = np.full(len(rows), reach * self.spacing)
-                at_rim[rows] = self.project(edges.middles[rows], edges.conormals[rows], normals[rows], way)[1]
+                at_rim[rows] = self.project(edges.midpoints[rows], edges.conormals[rows], normals[rows], way)[1]
         return at_rim
 
 

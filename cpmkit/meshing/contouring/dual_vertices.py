@@ -115,10 +115,10 @@ def _connected_over_crease(
         meets &= rise <= FLAT_SINE * norms(closest - end) + position_error
     crease[rows] = closest
     rows, a, b, closest = rows[meets], a[meets], b[meets], closest[meets]
-    middles = [0.5 * (end + closest) for end in (a, b)]
-    on_surface = source.closest_point(np.concatenate(middles)).points.reshape(2, -1, 3)
+    midpoints = [0.5 * (end + closest) for end in (a, b)]
+    on_surface = source.closest_point(np.concatenate(midpoints)).points.reshape(2, -1, 3)
     connected[rows] = True
-    for end, half, projected in zip((a, b), middles, on_surface, strict=True):
+    for end, half, projected in zip((a, b), midpoints, on_surface, strict=True):
         connected[rows] &= norms(projected - half) <= CREASE_DISTANCE * norms(closest - end) + position_error
     return connected, crease
 

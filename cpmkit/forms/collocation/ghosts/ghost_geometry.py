@@ -210,10 +210,10 @@ def ghost_sources(geometry: GhostGeometry) -> RowFormula:
 def node_sources(
     feet: Floats, boundary: BoundaryOnLattice, others: list[BoundaryOnLattice], side_view: SideView
 ) -> RowFormula:
-    """Return the formula by which nodes nearly on a boundary read right-hand sides from their own side.
+    """Return the formula of the right-hand sides at nodes nearly on a boundary, evaluated on each node's own side.
 
     ``feet`` (k, d) are the nodes' closest points on the manifold, ``side_view`` their distances and sides; ``others``
-    are the other boundaries, near which the nodes read a single point.
+    are the other boundaries, near which a right-hand side is evaluated at a single point.
     """
     spacing, sign = boundary.spacing, np.sign(side_view.signed)[:, None]
     on_boundary = np.abs(side_view.signed)[:, None] < INSIDE_SIDE_SPACINGS * spacing

@@ -101,7 +101,7 @@ def build_ghosts(
 def _ghost_geometry(
     index: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice, mirrored: RowFormula
 ) -> tuple[GhostGeometry, int]:
-    """Return the geometry of the ghosts of boundary ``index``, and the number of them that are unknowns, the first."""
+    """Return the geometry of the ghosts of boundary ``index``, and how many of these, the first ones, are unknowns."""
     boundary = boundaries.on_lattice[index]
     seen, unknowns = _ghost_nodes(boundary, boundaries.side_views[index], band)
     foot_point, past_edge = mirrored.points[seen.rows], np.zeros(len(seen.rows), dtype=bool)

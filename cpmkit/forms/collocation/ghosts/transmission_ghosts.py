@@ -100,7 +100,7 @@ def first_order_ghosts(
 
 
 def _jumps(geometry: GhostGeometry, law: Interface, rows: Ints, jump: Floats, flux: Floats) -> list[BoundaryData]:
-    """Return the data of jump and flux of ``law`` in the ghosts ``rows`` (k,); their factors are ``jump``, ``flux``."""
+    """Return the jump and the flux of ``law`` as data of the ghosts ``rows`` (k,), with factors ``jump``, ``flux``."""
     points = geometry.boundary_points(rows)
     return [
         BoundaryData(rows, jump, points, law.jump, geometry.name, law, "jump"),

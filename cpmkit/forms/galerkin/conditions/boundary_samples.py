@@ -60,11 +60,11 @@ def correct_sliver_conormals(
     return corrected
 
 
-def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats) -> tuple[Floats, Floats]:
+def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, midpoints: Floats) -> tuple[Floats, Floats]:
     """Return the mean position (n, d) and unit normal (n, d) of the triangles near pairs ``at`` (n, 2) of vertices.
 
     Means are weighted by area, over the triangles at these vertices and their neighbours, since a sliver may have only
-    slivers beside it. Positions are relative to ``middles`` (n, d). Vertices are numbered as in ``corners`` (m, 3),
+    slivers beside it. Positions are relative to ``midpoints`` (n, d). Vertices are numbered as in ``corners`` (m, 3),
     after cutting. Normals have either sign, and are zero in the plane.
     """
     order = np.argsort(corners, axis=None, kind="stable")
@@ -79,11 +79,11 @@ def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats)
     corner = mesh.vertices[mesh.cells[cell]]
     a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     area = np.sqrt(np.maximum(dots(a, a) * dots(b, b) - dots(a, b) ** 2, 0.0))
-    weighted = area[:, None] * (corner.mean(axis=1) - middles[row])
+    weighted = area[:, None] * (corner.mean(axis=1) - midpoints[row])
     place: Floats = np.stack([np.bincount(row, x, len(at)) for x in weighted.T], axis=1).astype(np.float64)
     if mesh.dim == 2:
         return place, np.zeros_like(place)
-    slopes = (a, b) if mesh.midpoints is None else _quadratic_tangents(corner, mesh.midpoints[cell], middles[row])
+    slopes = (a, b) if mesh.midpoints is None else _quadratic_tangents(corner, mesh.midpoints[cell], midpoints[row])
     across = np.sqrt(area)[:, None] * unit(np.cross(*slopes))
     squares = np.array([[np.bincount(row, x * y, len(at)) for x in across.T] for y in across.T])
     normal: Floats = np.linalg.eigh(squares.transpose(2, 0, 1))[1][:, :, -1]

@@ -73,7 +73,7 @@ class Regions:
         return Regions(self.spacing, self.dim, tuple(level for level in codes if len(level)))
 
     def table(self) -> Ints:
-        """Return (k, 1 + d) the subdivided cells as integers: the level, then the cell."""
+        """Return the subdivided cells as rows (k, 1 + d) of integers: the level, then the position of the cell."""
         rows = [
             np.column_stack([np.full(len(codes), level), cells_of_codes(codes, self.dim)])
             for level, codes in enumerate(self.subdivided)
@@ -125,8 +125,8 @@ def _is_long(mesh: Mesh, regions: Regions, near_codes: Ints, spacings: float) ->
     """
     vertices, ends, lengths, longest = mesh.vertices, mesh.edges.ends, mesh.edge_lengths, spacings * regions.spacing
     long = lengths > longest * 0.5**regions.finest
-    middles = vertices[ends[long]].mean(axis=1)
-    rows = np.flatnonzero(long)[find_codes(near_codes, codes_of_cells(regions.cells(middles, 0))) >= 0]
+    midpoints = vertices[ends[long]].mean(axis=1)
+    rows = np.flatnonzero(long)[find_codes(near_codes, codes_of_cells(regions.cells(midpoints, 0))) >= 0]
     first, second = vertices[np.sort(ends[rows], axis=1)].transpose(1, 0, 2)
     level = np.zeros(len(rows), dtype=np.int64)
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):

@@ -115,9 +115,9 @@ class Skin:
 def has_reentrant_edges(mesh: Mesh) -> bool:
     """Return whether two cells of a ``mesh`` with outward normals enclose a reentrant angle of the solid."""
     first, second = (facets_of_two_cells(mesh)[1] // mesh.cells.shape[1]).T
-    normals, middles = normals_of(mesh), mesh.vertices[mesh.cells].mean(axis=1)
+    normals, centres = normals_of(mesh), mesh.vertices[mesh.cells].mean(axis=1)
     turns = dots(normals[first], normals[second]) < np.cos(np.radians(REENTRANT_DEGREES))
-    return bool(np.any(turns & (dots(middles[second] - middles[first], normals[first]) > 0)))
+    return bool(np.any(turns & (dots(centres[second] - centres[first], normals[first]) > 0)))
 
 
 def flat_parts(solid: LocalSource, lattice: Lattice) -> list[list[FlatPart]]:
@@ -228,9 +228,9 @@ def _own_boundary(solid: LocalSource, spacing: float) -> Mesh:
         mesh = Mesh.of(mesh.vertices, mesh.edges.ends[rim_of_edges(mesh).rows])
         used, ends = np.unique(mesh.cells, return_inverse=True)
         mesh = Mesh.of(mesh.vertices[used], ends.reshape(-1, 2))
-    middles = mesh.vertices[mesh.cells].mean(axis=1)
+    centres = mesh.centres
     step = PROBE_SHARE * spacing * normals_of(mesh)
-    outside = np.max([solid.closest_point(middles + sign * step).distance for sign in (1.0, -1.0)], axis=0)
+    outside = np.max([solid.closest_point(centres + sign * step).distance for sign in (1.0, -1.0)], axis=0)
     if not len(outside) or np.abs(outside - PROBE_SHARE * spacing).max() > 1e-6 * spacing:
         raise SceneError(
             f"the form 'galerkin' needs the boundary of a solid, and {type(solid.source).__name__} has a curved one "

@@ -159,8 +159,8 @@ def _ends_inside(trimmed: OwnedMesh) -> Floats:
     """Return places (k, 3) where a surface ends inside the solid without a continuation; halving does not change it."""
     rim = trimmed.mesh.connectivity.on_rim.copy()
     rim[edge_numbers(trimmed.mesh, trimmed.mesh.cut)] = False
-    middles = trimmed.mesh.vertices[trimmed.mesh.edges.ends[rim]].mean(axis=1)
-    return np.asarray(middles[: 0 if trimmed.beyond.any() else None])
+    midpoints = trimmed.mesh.vertices[trimmed.mesh.edges.ends[rim]].mean(axis=1)
+    return np.asarray(midpoints[: 0 if trimmed.beyond.any() else None])
 
 
 def _rim(mesh: Mesh) -> Ints:
