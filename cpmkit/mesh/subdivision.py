@@ -138,7 +138,7 @@ class _DividedEdges:
         return np.asarray(np.where(place == 0, self.ends[edge, 0], inside), dtype=np.int64)
 
     def halvings(self) -> tuple[Ints, Ints]:
-        """Return ascending codes (:func:`_edge_codes`) and midpoint vertices, both (k,), of divided edges and halves"""
+        """Return ascending codes (:func:`_edge_codes`) and midpoint vertices, both (k,), of divided edges."""
         codes, midpoints = [], []
         for level in range(int(self.levels.max())):
             edges = np.flatnonzero(self.levels > level)
