@@ -174,7 +174,10 @@ def cache_folder() -> Path:
 
 
 def existing_file(path: Any, label: str = "file") -> Path:
-    """Return ``path`` as a Path if the file exists; else raise InputError, with ``label`` for another type."""
+    """Return ``path`` as a Path if the file exists; else raise InputError.
+
+    ``label`` is the name of the argument in the error for a value that is no path.
+    """
     if not isinstance(path, (str, Path)):
         raise InputError(f"{label} must be the path of a file, got {shown(path)}.")
     if not _is_file(Path(path)):

@@ -124,7 +124,7 @@ class Imbalance:
 
     @property
     def nothing_given(self) -> list[str]:
-        """A list with the warning that u is 0 on the piece since no data are given; empty if that is not so."""
+        """The warning, in a list, that no data are given on the piece, where u is 0; an empty list if some are."""
         if self.of != "data" or any(self.size):
             return []
         return [

@@ -53,7 +53,7 @@ class ProgressLine:
             self.finish()
 
     def finish(self) -> None:
-        """End the current stage; the time of the next stage is measured from now."""
+        """End the current stage, if there is one: erase its line and, if it took over a second, write its time."""
         if self._stage is None:
             return
         now = self._clock()

@@ -110,7 +110,10 @@ def _query_batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
 
 
 def _generate_queries(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> None:
-    """Call ``hold`` with queries (n, d) that hypothesis draws, ``near`` or not; a batch that fails is made small."""
+    """Call ``hold`` with 20 batches of queries (n, d) that hypothesis draws, and reduce a batch for which it raises.
+
+    Queries are ``near`` the manifold, or anywhere in its box.
+    """
     draws = _near_queries(subject) if near else _scattered_queries(subject)
 
     @settings(

@@ -77,11 +77,12 @@ class PatchLocator:
         return patch, nearest
 
     def _choose_patch(self, points: Floats, samples: Ints, scores: Floats, first: Ints) -> tuple[Ints, Bools]:
-        """Return the patches (k,) for ``points``, and whether (k,) some patch near a point does not touch its patch.
+        """Return the patches (k,) for ``points``, and whether (k,) another sheet is near each point.
 
-        ``first`` (k,) are the ``samples`` (k, q) with the least of the ``scores`` (k, q). Candidates are the patch of
-        the first sample and the patches that touch it. The patch is the candidate with the least score whose lattice
-        cell contains the point; if there is none, that of the first sample.
+        The ``first`` sample (k,) of each point is that of its ``samples`` (k, q) with the least of the ``scores``
+        (k, q). Candidates are the patches of samples with a finite score that are the first sample's patch or touch it.
+        The result is the candidate with the least score whose lattice cell contains the point, else the first sample's
+        patch. Another sheet is near if a sample's patch neither is nor touches the first sample's patch.
         """
         patch, candidates = self.dof_map.patch[first], self.dof_map.patch[samples]
         low, high = np.minimum(candidates, patch[:, None]), np.maximum(candidates, patch[:, None])

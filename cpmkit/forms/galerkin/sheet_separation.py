@@ -36,11 +36,12 @@ class SheetSeparation:
     spacing: float  #: Spacing h of the lattice.
 
     def total_path_lengths(self, points: Floats, element: Ints, cells: Ints, group: Ints) -> tuple[Floats, float]:
-        """Return path lengths (k, q), least on a point's own sheet, and the least difference that is significant.
+        """Return path lengths (k, q), smallest on a point's own sheet, and the smallest significant difference of two.
 
         ``cells`` (k, q) are mesh cells near each of the ``points`` (k, d), and ``group`` (k, q) numbers the sheets to
-        which they belong; -1 excludes a cell. A length is the total of the paths from the point over cells of the group
-        to the corners of ``element`` (k,), the source's own triangle or segment that contains the point.
+        which they belong; -1 excludes a cell. A length is the sum of the lengths of paths along edges of the mesh from
+        the point, in a cell of the group, to the corners of ``element`` (k,), the source's own triangle or segment that
+        contains the point. Lengths are infinite for excluded cells, and where a path is longer than the search.
         """
         size = float(np.ptp(self.mesh.vertices, axis=0).max())
         bound = max(SAME_SIZE_SHARE * size, np.finfo(float).tiny)

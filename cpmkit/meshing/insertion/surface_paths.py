@@ -142,9 +142,11 @@ class PathFinder:
         return vertex
 
     def leave_fan(self, vertex: int, heading: Vector, normal: Vector) -> FanExit | None:
-        """Return the exit of the plane of ``heading`` and ``normal`` at a vertex from the triangles around it.
+        """Return the edge at which a path from a ``vertex`` leaves the triangles around it.
 
-        Of several exits the one farthest ahead is returned; None if none is ahead. The vectors may have any length.
+        It is where the plane of ``heading`` and ``normal`` crosses an edge opposite the vertex. Of several such edges
+        the one in the direction nearest to ``heading`` is returned; None if none is ahead. The vectors may have any
+        length.
         """
         net, here, across = self.triangulation, self.triangulation.position(vertex), cross(normal, heading)
         best: FanExit | None = None

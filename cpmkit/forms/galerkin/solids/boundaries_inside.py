@@ -244,9 +244,9 @@ def _two_sided(part: FlatPart, mesh: Mesh, number: int, plus: Bools, beyond: Boo
 
 
 def _cells_inside(mesh: Mesh, solid: LocalSource, name: str) -> Mesh:
-    """Return the cells of the boundary called ``name`` in the ``solid``.
+    """Return the cells of a boundary's ``mesh`` whose centres lie in the ``solid``, as a mesh of their own.
 
-    Raises SceneError if it has none there.
+    Raises SceneError, with the boundary's ``name``, if there are none.
     """
     within = solid.closest_point(mesh.centres).edge < 0
     if not within.any():
@@ -274,17 +274,23 @@ def left_of_normals(mesh: Mesh, boundary: OrientedBoundary, lattice: Lattice) ->
     return np.where(winding == 0, votes, sums[part] * winding) > 0
 
 
-def welded(mesh: Mesh, points: Floats) -> Mesh:
-    """Return the mesh with one vertex at each of the ``points`` (k, d), at which cells end."""
+def welded(skin: Skin, points: Floats) -> Skin:
+    """Return the skin with one vertex at each of the ``points`` (k, d), at which cells end, and no cells within one."""
     from scipy.spatial import KDTree
 
+    mesh = skin.mesh
     vertices, number = mesh.vertices.copy(), np.arange(len(mesh.vertices))
     tolerance = 2 * WELDED_SIZE_SHARE * box_size(vertices)
     for at, near in zip(points, KDTree(vertices).query_ball_point(points, tolerance), strict=True):
         if near:  # curves may meet outside of the solid
             number[near] = number[near].min()
             vertices[near] = at
-    return Mesh.of(vertices, number[mesh.cells], mesh.midpoints)
+    cells = number[mesh.cells]
+    kept = np.flatnonzero(cells[:, 0] != cells[:, -1])  # a curve may cross a knot plane very near a point
+    position = np.append(np.cumsum(np.bincount(kept, minlength=len(cells))) - 1, -1)
+    whole = Mesh.of(vertices, cells[kept], None if mesh.midpoints is None else mesh.midpoints[kept])
+    owner, left, beyond = skin.owner[kept], skin.left[kept], skin.beyond_tip[kept]
+    return replace(skin, mesh=whole, owner=owner, left=left, beyond_tip=beyond, twin=position[skin.twin[kept]])
 
 
 def check_sectors(skin: Skin, mesh: Mesh, names: Sequence[str], lattice: Lattice) -> Ints:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -189,7 +189,7 @@ def _whole_skin(
     curves = split_where_curves_meet(parts, inside, names, solid, lattice, is_graded)
     skin = skin_of(solid, curves.skin, lattice, part_at)
     whole = with_curves_inside(skin, curves.inside, curves.extensions, oriented, solid, lattice)
-    return replace(whole, mesh=welded(whole.mesh, curves.points))
+    return welded(whole, curves.points)
 
 
 def _check_skin(patches: SolidPatches, moments: Floats, sums: Floats, lattice: Lattice) -> None:

@@ -55,7 +55,9 @@ def stiffness_with_floor(
     c: Floats | float | None = None,
     scale: Floats | None = None,
 ) -> SparseMatrix:
-    """Return the matrix (n, n) of sum w (a grad u . grad v + c u v), with stabilisation and floor.
+    """Return the matrix (n, n) of sum w (a grad u . grad v + c u v), with the stabilisation and the floor.
+
+    The floor is the penalty on splines that hardly touch the manifold, see above; solids need none.
 
     ``a`` float or (q,) or (q, d, d) float64: the diffusivity at the samples: numbers, or symmetric tensors whose
         tangential part is used.

@@ -198,3 +198,14 @@ def test_values_beside_fractures_with_a_resistance_settle_sooner():
     singular, extended = ([rms(values(tips, h) - settled) for h in SPACINGS] for tips in ("singular", "extended"))
     assert singular[-1] < extended[-1] / 20
     assert np.log2(singular[0] / singular[-1]) / 2 > 2
+
+
+def test_a_tip_very_near_a_knot_plane():
+    """Rounding decides where the lattice's knot planes cut the short segments beside the tip."""
+    slit = ck.source("analytic.segment", start=[-1, 0], end=[0, 0])
+    scene = ck.Scene(DISC, ck.Poisson(1.0), [ck.Boundary("slit", slit, both=ck.Neumann(0.0))], edge=ck.Dirichlet(0.0))
+    values = [
+        ck.solve(scene, 0.1, origin=[0.05 + off, 0.05], tips="singular", estimate=False).evaluate(POINTS)
+        for off in (0.0, 1e-10, 1e-8)
+    ]
+    np.testing.assert_allclose(values[1:], [values[0]] * 2, atol=1e-5)
