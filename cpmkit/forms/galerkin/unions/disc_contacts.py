@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -196,6 +197,25 @@ def near_boundary_warnings(scene: Scene, solid: Galerkin) -> tuple[str, ...]:
                 "some percent; use a smaller spacing, or move it inside.",
             )
     return ()
+
+
+def end_flow_warnings(
+    scene: Scene, parts: Sequence[UnionPart], contacts: Mapping[tuple[int, int], DiscContact]
+) -> Iterator[str]:
+    """Yield a warning if a velocity that is not conservative flows through an end of a curve that meets a surface."""
+    terms = scene.problem.terms()
+    if terms.velocity is None or terms.conservative:
+        return
+    for (_, low), contact in contacts.items():
+        form, ends = parts[low].form, np.array([at[0] for at in contact.branches if len(at) == 1], dtype=np.int64)
+        speed: Any = form.terms_of_scene.outward_speed
+        flowing = ends[speed[ends] != 0]
+        if len(flowing):
+            where = form.sampled.lattice.to_scene(form.sampled.boundary.points[flowing[:1]])[0]
+            yield (
+                f"The velocity flows through the end of a curve near {place(where)}, where it meets a surface, and "
+                "what it takes along is not exchanged with the surface; give conservative=True."
+            )
 
 
 def _lips_at(curve: Galerkin, at: Floats, touching: float) -> list[tuple[int, Ints]]:

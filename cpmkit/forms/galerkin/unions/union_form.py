@@ -16,7 +16,7 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_
 from cpmkit.forms.galerkin.equation_assembly import multigrid_applies
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.solve_memory import GalerkinWork
-from cpmkit.forms.galerkin.unions.disc_contacts import near_boundary_warnings
+from cpmkit.forms.galerkin.unions.disc_contacts import end_flow_warnings, near_boundary_warnings
 from cpmkit.forms.galerkin.unions.part_scenes import loop_of_union, own_loop_of, scenes_by_dimension
 from cpmkit.forms.galerkin.unions.union_assembly import UnionAssembly
 from cpmkit.forms.galerkin.unions.union_parts import UnionPart
@@ -259,7 +259,8 @@ class GalerkinUnion(UnionAssembly, Discretized):
         """Warnings on members that nearly meet, and on boundaries that cross a curve or run along one in a solid."""
         near_boundary = near_boundary_warnings(self.scene, self.forms[-1])
         near_miss = near_miss_warnings(self.scene.surface, self.spacing)
-        return (*near_miss, *near_boundary, *crossed_member_warnings(self.scene))
+        end_flow = end_flow_warnings(self.scene, self.parts, self.disc_contacts)
+        return (*near_miss, *near_boundary, *end_flow, *crossed_member_warnings(self.scene))
 
     def diagnosis(
         self, coarser: Discretized | None = None, ratio: float = 2.0, difference: float = 0.0, eigenvalues: bool = False
